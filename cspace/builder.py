@@ -190,13 +190,15 @@ def build(
         raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)
     workspace = workspace.in_memory()
     grid = workspace.grid
-    slice_of = cells.slices_for(robot.shape)
+    slice_of = cells._slices_for(robot.shape)
     slices = int(slice_of.max()) + 1
     bytes_of_rasters = raster_bytes(robot, grid.spacing, margin, cells, slices)
     if is_packed(grid.shape, slices, counts):
         bytes_of_rasters = min(bytes_of_rasters, SLICE_BYTES * slices)  # a few slices at a time have rasters
     needed = map_bytes(grid.shape, slices, counts) + bytes_of_rasters
-    check_fits = partial(check_memory, grid=grid, fewer=cells.fewer, slices=slices, rasters=bytes_of_rasters)
+    check_fits = partial(
+        check_memory, grid=grid, fewer=cells._argument_for_fewer, slices=slices, rasters=bytes_of_rasters
+    )
     check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
     rasters, exterior, overlaps = None, None, None
     states: Stack
@@ -281,7 +283,7 @@ def _check(
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
         hint = "use robot.footprint()" if robot.dim == 3 else "use a robot in space, or a workspace in the plane"
         raise InputError("robot", problem, "they must agree", hint, value=robot)
-    rotations.check_dimension(robot.dim)
+    rotations._check_dimension(robot.dim)
     if workers is not None:
         check_count(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")

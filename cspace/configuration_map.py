@@ -339,7 +339,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def _cells_of(self, points: Floats) -> Ints:
         """Return the cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
         cells = self.grid.cell_of(points[..., : self.grid.dim])
-        return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
+        return np.concatenate([self.rotations._cells_of(points)[..., None], cells], axis=-1)
 
 
 def _bool_or_array(proven: Bools) -> bool | Bools:

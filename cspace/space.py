@@ -173,7 +173,9 @@ class CSpace(ConfigurationMap, MapExport):
 
         Give the rotation as in a configuration: nothing, a yaw in radians, or a quaternion.
         """
-        part: States = self._seen[int(self._slice_of[self.rotations.cells_of(self.rotations.checked(rotation))])]
+        part: States = self._seen[
+            int(self._slice_of[self.rotations._cells_of(self.rotations._check_rotation(rotation))])
+        ]
         return part
 
     def count(self) -> tuple[int, int, int]:
@@ -195,7 +197,7 @@ class CSpace(ConfigurationMap, MapExport):
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = count_states(states)[:, FREE][self._slice_of]
         periodic = self._contents.periodic
-        mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
+        mean = float(free @ rotations._volumes / rotations._volumes.sum()) * grid.spacing**grid.dim
         return {
             **({"periodic_axes": periodic.names_among(self.axes)} if periodic else {}),
             **({"slices": len(states)} if rotations.names else {}),
@@ -259,7 +261,7 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
-        inside: Bools = sums == counts[self._slice_of[self.rotations.cells_of(np.asarray(q, dtype=np.float64))]]
+        inside: Bools = sums == counts[self._slice_of[self.rotations._cells_of(np.asarray(q, dtype=np.float64))]]
         return inside if inside.ndim else bool(inside)
 
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
@@ -436,7 +438,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
         from cspace.map.search import GREEDY_WEIGHT, TURN_COST, Graph
 
-        until, dim, neighbors = clock() + seconds, self.grid.dim, self.rotations.neighbors
+        until, dim, neighbors = clock() + seconds, self.grid.dim, self.rotations._neighbors
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         first, last = map(self._cells_of, endpoints)
 
@@ -445,7 +447,7 @@ class CSpace(ConfigurationMap, MapExport):
             graph = Graph.of(self._seen, self._slice_of, neighbors, turns, self.periodic_axes[:dim])
             return graph.chain(first, last, until, greed=GREEDY_WEIGHT)
 
-        still = not self.rotations.steps(*endpoints)[dim:].any()
+        still = not self.rotations._steps_between(*endpoints)[dim:].any()
         if straight and still and dim == 2 and not any(self.periodic_axes):
             path = self._shortest_in_slice(endpoints, int(self._slice_of[first[0]]), until)
             if len(path):
@@ -529,8 +531,8 @@ class CSpace(ConfigurationMap, MapExport):
 
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         # Levels cover the unrolled map: half a period more at either end of a periodic axis.
-        cells = self.grid.size * self.rotations.count * 2 ** sum(self.periodic_axes)
-        needed, fewer = BYTES_PER_CELL * cells, self.rotations.fewer
+        cells = self.grid.size * len(self.rotations) * 2 ** sum(self.periodic_axes)
+        needed, fewer = BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
         kernel_map = self._grid_kernel_map
         with self._lock:
@@ -602,8 +604,8 @@ class CSpace(ConfigurationMap, MapExport):
 
         periodic = self._contents.periodic
         if periodic:
-            wrapped = periodic.canonical(as_points(q, "q", self.size))
-            return periodic.canonical(self._unrolled.nearest_free(wrapped))
+            wrapped = periodic._make_canonical(as_points(q, "q", self.size))
+            return periodic._make_canonical(self._unrolled.nearest_free(wrapped))
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
             rule = f"it must be one configuration, shape ({self.size},)"
@@ -883,7 +885,7 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _grid_kernel_map(self) -> Map:
         """The map as input of compiled functions, without unrolling."""
-        grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
+        grid, rotations = self.grid, self.rotations._compile(self._slice_of)
         return Map(
             kernel_states(self._seen),
             cells_of(self._seen),
@@ -934,7 +936,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _components(self) -> Components:
-        needed, fewer = COMPONENT_STATE_BYTES * self._seen.size, self.rotations.fewer
+        needed, fewer = COMPONENT_STATE_BYTES * self._seen.size, self.rotations._argument_for_fewer
         check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
         return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 
@@ -942,7 +944,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Label the connected components of states, joined through the exterior of open slices."""
         from cspace.map.components import Components, PeriodicComponents
 
-        of_slices = states, self._slice_of, self.rotations.neighbors, exterior_open
+        of_slices = states, self._slice_of, self.rotations._neighbors, exterior_open
         return PeriodicComponents(*of_slices, self.periodic_axes) if self._contents.periodic else Components(*of_slices)
 
     def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
@@ -1050,7 +1052,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""
-        point = self.rotations.canonical(self._check_configurations(q, name), name)
+        point = self.rotations._make_canonical(self._check_configurations(q, name), name)
         if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point):
             rule = "it must be one FREE configuration in the grid"
             raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)

@@ -371,7 +371,7 @@ class Store:
     @cached_property
     def rotations(self) -> Rotations:
         """Rotation cells of the map."""
-        return Rotations.from_coordinates({name: self.array(name) for name in turns_of(self.names)})
+        return Rotations._from_coordinates({name: self.array(name) for name in turns_of(self.names)})
 
     @cached_property
     def slice_of(self) -> Ints:
@@ -379,8 +379,8 @@ class Store:
 
         Raises ValueError if the rotation cells, or those that share a slice, differ from the robot's.
         """
-        slice_of = self.rotations.slices_for(self.robot.shape)
-        for name, needed in ({"slice_of": slice_of} | self.rotations.coordinates).items():
+        slice_of = self.rotations._slices_for(self.robot.shape)
+        for name, needed in ({"slice_of": slice_of} | self.rotations._coordinates).items():
             if not np.allclose(self.array(name), needed, rtol=0.0, atol=_ROTATION_ROUNDING):
                 raise ValueError(f"its array {name!r} does not match its rotation cells and its robot")
         return slice_of
@@ -638,7 +638,7 @@ class Store:
 
         It is one if there is a single slice.
         """
-        return self.rotations.count if self.slices > 1 else 1
+        return len(self.rotations) if self.slices > 1 else 1
 
     @property
     def _label_width(self) -> int:
@@ -790,7 +790,7 @@ class Store:
         )
         outer, inner = self.obstacles_in(box, records.__getitem__)
         source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
-        leading = (*self.rotations.leading(self.slices), *self.grid.shape)
+        leading = (*self.rotations._leading_axes(self.slices), *self.grid.shape)
         periodic_axes = self.metadata.get("periodic_axes", "").split()
         return Contents(
             Workspace(self.grid, outer, inner, source=source, unknown=unknown, shapes=self.shapes),

@@ -41,10 +41,7 @@ autosummary_context = {
         "ArmSpace": "checked, contact",
         "CSpace": "checked, own_record, record",
         "Mesh": "cells, check_origin, closed, is_same, measure, rasters",
-        "Robot": "rasters",
-        "Rotations": "COORDINATES, KINDS, all_limits, all_names, check_dimension, checked, compiled, dials, "
-        "draw_cells, fewer, from_coordinates, images, leading, of_coordinates, of_value, one_cell, "
-        "preserve, sample_near, slices_for, turns",
+        "Rotations": "COORDINATES, KINDS",
         "TiledCSpace": "checked, holds, of_store",
         "Workspace": "in_memory",
     }

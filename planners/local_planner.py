@@ -357,7 +357,7 @@ class EdgesOnMap(LocalPlanner):
         """
         space, dim = self.space, self.space.grid.dim
         pieces = self._split_or_point(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
-        rows, cells = space.rotations.cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
+        rows, cells = space.rotations._cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
         q = pieces.centers[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is constant in a rotation cell
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
@@ -400,7 +400,7 @@ class EdgesOnMap(LocalPlanner):
         """
         space = self.space
         given = self._check_size(q, name)
-        point: Configuration = tuple(space.rotations.canonical(given, name).tolist())
+        point: Configuration = tuple(space.rotations._make_canonical(given, name).tolist())
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
         if inside and _is_endpoint_free(space, point, self.exact):
@@ -474,8 +474,8 @@ class EdgesOnMap(LocalPlanner):
         The range is a whole revolution if all rotation cells are FREE, or if that of ``q`` is not.
         """
         rotations = self.space.rotations
-        free = self.space.is_free(np.column_stack([np.tile(q[:2], (rotations.count, 1)), rotations.centers]))
-        cell, borders = int(rotations.cell_of(q[2])), np.asarray(rotations.coordinates["yaw_bounds"])
+        free = self.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
+        cell, borders = int(rotations.cell_of(q[2])), np.asarray(rotations._coordinates["yaw_bounds"])
         if free.all() or not free[cell]:
             return -math.pi, math.pi
         free, widths = np.roll(free, -cell), np.roll(np.diff(borders, axis=1)[:, 0], -cell)
@@ -534,7 +534,9 @@ class StraightEdges(EdgesOnMap):
         """Split each edge into equal pieces of at most ``step`` metres and ``rotation`` radians."""
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
-        centers = self.space.rotations.moved(path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge])
+        centers = self.space.rotations._add_steps(
+            path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge]
+        )
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
@@ -547,7 +549,7 @@ class StraightEdges(EdgesOnMap):
         counts = np.where(radians > 0.0, counts, 1)
         edge, index = _index_pieces(counts)
         rotations, shares = self.space.rotations, (index / counts[edge])[:, None]
-        rows = rotations.canonical(rotations.moved(path[:-1][edge], shares * steps[edge]))
+        rows = rotations._make_canonical(rotations._add_steps(path[:-1][edge], shares * steps[edge]))
         rows[index == 0] = path[:-1]
         return np.concatenate([rows, path[-1:]]), None
 
@@ -559,7 +561,7 @@ class StraightEdges(EdgesOnMap):
 
     def _displacements(self, starts: Floats, ends: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the displacements along straight edges, and their metres and radians."""
-        dim, steps = self.space.grid.dim, self.space.rotations.steps(starts, ends)
+        dim, steps = self.space.grid.dim, self.space.rotations._steps_between(starts, ends)
         return steps, np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
 
 

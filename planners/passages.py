@@ -107,7 +107,7 @@ class Passages:
     def run(self, start: Configuration, goal: Configuration) -> SearchResult:
         """Find a path between two configurations: by the planner, or else along a chain of undecided cells."""
         space = self.edges.space
-        cells = (space.rotations.count, *space.grid.shape)
+        cells = (len(space.rotations), *space.grid.shape)
         needed = math.prod(cells) / CHAIN_CELLS_PER_SECOND
         # A search for a chain takes two bytes a cell: its closed cells, and how each cell was reached.
         is_worthwhile = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= MAX_MEMORY_FRACTION * free_bytes()
@@ -161,8 +161,8 @@ class Passages:
     def _find_chain(self, start: Configuration, goal: Configuration, closed: Bools | None = None) -> Cells:
         """Find a chain of cells, neither BLOCKED nor closed, from one configuration to another."""
         space, q = self.edges.space, np.array([start, goal])
-        first, last = np.column_stack([space.rotations.cells_of(q), space.grid.cell_of(q[:, : space.grid.dim])])
-        return open_chain(space._grid_kernel_map, space.rotations.neighbors, first, last, closed)
+        first, last = np.column_stack([space.rotations._cells_of(q), space.grid.cell_of(q[:, : space.grid.dim])])
+        return open_chain(space._grid_kernel_map, space.rotations._neighbors, first, last, closed)
 
     def _left(self) -> float:
         """Return the seconds until the time limit, negative after it."""
@@ -248,14 +248,14 @@ class Passages:
         """Draw configurations around a cell: uniform ones, and those reached in the cell before, moved along."""
         space, size, half = self.edges.space, self._size(cell), DRAWS_PER_CELL // 2
         centers = self._centers(np.stack([before, cell]))
-        around = space.rotations.moved(centers[[1] * half], size * rng.uniform(-1.5, 1.5, (half, len(size))))
+        around = space.rotations._add_steps(centers[[1] * half], size * rng.uniform(-1.5, 1.5, (half, len(size))))
         along = reached[rng.integers(len(reached), size=half)]
         spread = size * 10.0 ** rng.uniform(-3.0, 0.0, (half, 1))
-        steps = rng.uniform(0.0, 1.5, (half, 1)) * space.rotations.steps(*centers)
+        steps = rng.uniform(0.0, 1.5, (half, 1)) * space.rotations._steps_between(*centers)
         steps += spread * rng.uniform(-1.0, 1.0, steps.shape)
         # Half of the steps do not turn the robot, because a passage may leave no room to turn.
         steps[rng.random(half) < 0.5, space.grid.dim :] = 0.0
-        near = space.rotations.moved(along, steps)
+        near = space.rotations._add_steps(along, steps)
         return np.concatenate([near, around])
 
     def _centers(self, cells: Cells) -> Floats:
@@ -268,7 +268,7 @@ class Passages:
         """Return the sides of a cell, metres and radians."""
         space = self.edges.space
         center = self._centers(cell)
-        steps = space.rotations.steps(center, center)
+        steps = space.rotations._steps_between(center, center)
         steps[: space.grid.dim] = space.grid.spacing
         steps[space.grid.dim :] = 2.0 * space.rotations.covering_angles[cell[0]]
         return steps

@@ -37,7 +37,7 @@ def speck(dim, turning, spacing):
     """Return a robot that is nearly a point, and its rasters at any rotation."""
     away = np.full(dim, 1e-7 if turning else 0.0)
     robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
-    return robot, robot.rasters(spacing, 0.0)
+    return robot, robot._rasters(spacing, 0.0)
 
 
 def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):
@@ -52,19 +52,19 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     robot, pair = speck(dim, rotations is not None, spacing)
     policy = outside if isinstance(outside, str) else "free"
     cells = Rotations.of(rotations)
-    states = state.reshape(cells.count, *state.shape[-dim:]).copy()
-    given = None if policy is outside else np.array([[*outside.box, outside.state]] * cells.count, dtype=np.int64)
+    states = state.reshape(len(cells), *state.shape[-dim:]).copy()
+    given = None if policy is outside else np.array([[*outside.box, outside.state]] * len(cells), dtype=np.int64)
     exterior = None if given is None else Exterior(given)
-    slices = np.arange(cells.count)
+    slices = np.arange(len(cells))
     made = Contents(workspace, robot, cells, slices, states, outside=policy, exterior=exterior)
-    return CSpace(made, [pair] * cells.count if rasters is None else rasters)
+    return CSpace(made, [pair] * len(cells) if rasters is None else rasters)
 
 
 def map_in(workspace, robot, states, rotations=None, **options):
     """Build a map of given states, shape (slices, ...), or (...) if the robot only translates."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
-    return CSpace(Contents(workspace, robot, cells, cells.slices_for(robot.shape), states, **options))
+    return CSpace(Contents(workspace, robot, cells, cells._slices_for(robot.shape), states, **options))
 
 
 def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):

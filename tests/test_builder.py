@@ -256,7 +256,7 @@ def test_slices_built_together_equal_separate_builds(count, size):
     cells = np.argwhere(np.ones(occupied.shape, dtype=bool))
     borders = np.asarray(space.rotations.borders)
     for k in {0, 1, count // 2, count - 1}:
-        yaw = np.full(len(cells), space.rotations.representatives[k])
+        yaw = np.full(len(cells), space.rotations.centers[:, 0][k])
         q = np.column_stack([space.grid.center_of(cells), yaw])
         assert (counted.overlap_count(q) == counted.overlap_counts[k].ravel()).all()
         others = np.append(borders[k : k + 2], borders[k] + TWO_PI)  # this cell, and all others as one

@@ -45,7 +45,7 @@ def made(states: Any, periodic_axes: tuple[bool, ...], cells: int) -> cspace.CSp
     grid = Grid(np.where(periodic_axes, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
     workspace = Workspace(grid, states != FREE, states > MIXED)
     robot, rotations = Robot("arm", Point.at_origin(states.ndim)), Rotations.of(None)
-    slices = rotations.slices_for(robot.shape)
+    slices = rotations._slices_for(robot.shape)
     return cspace.CSpace(
         Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), periodic_axes=periodic_axes)
     )
@@ -194,7 +194,7 @@ def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple
     space, states, rng = data.draw(maps(periodic_axes))
     grid, q = space.grid, drawn(space, rng, 15)
     turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in periodic_axes))))
-    place = (np.array(space.rotations.canonical(q)) - grid.lower) / grid.spacing
+    place = (np.array(space.rotations._make_canonical(q)) - grid.lower) / grid.spacing
 
     def nearest(cells: Any, half: float) -> Any:
         """The distance from each place to the nearest of some cells, or to their middles."""
@@ -284,7 +284,7 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, periodic_axe
             join = partial(
                 PeriodicComponents,
                 slice_of=search.slice_of,
-                neighbors=whole.rotations.neighbors,
+                neighbors=whole.rotations._neighbors,
                 exterior_open=np.zeros(1, dtype=bool),
                 periodic=periodic_axes,
             )

@@ -67,7 +67,7 @@ def _compare(report: Report, problem: Problem) -> None:
     queries = problem.queries(space)
     queries = queries[:1] if report.quick else queries
     seeds = 2 if report.quick else 10 if len(queries) > 1 else 30
-    turns = f" x {space.rotations.count} rotation cells" if space.rotations.names else ""
+    turns = f" x {len(space.rotations)} rotation cells" if space.rotations.names else ""
     report.section(
         f"{problem.name}: {' x '.join(map(str, workspace.grid.shape))} cells of {workspace.grid.spacing:g} m{turns}, "
         f"{len(queries)} queries, {seeds} seeds each"

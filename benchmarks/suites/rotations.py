@@ -63,12 +63,12 @@ def run(report: Report, seed: int) -> None:
 def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) -> tuple[CSpace, Timing]:
     """Build a map and compare with a loop over ready bitmaps; return it and its timing."""
     rotations, grid = scene.rotations(cuts), scene.workspace.grid
-    slice_of = rotations.slices_for(scene.robot.shape)
+    slice_of = rotations._slices_for(scene.robot.shape)
     number = int(slice_of.max()) + 1
     states = number * grid.size
     name = f"quaternions({cuts})" if cuts else "72 yaw cells"
     report.section(
-        f"{scene.name}: {' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} m x {rotations.count} rotation "
+        f"{scene.name}: {' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} m x {len(rotations)} rotation "
         f"cells, {name}, {number} slices"
     )
     build = partial(cspace.build, scene.workspace, scene.robot, rotations=rotations)
@@ -85,7 +85,7 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
     report.note(f"{free:.1%} FREE, {mixed:.1%} MIXED, {blocked:.1%} BLOCKED")
 
     occupied, loop = scene.workspace.outer.astype(np.float64), Timing(None)
-    chosen, equal = rng.choice(rotations.count, min(SLICES, rotations.count), replace=False), True
+    chosen, equal = rng.choice(len(rotations), min(SLICES, len(rotations)), replace=False), True
     outer: CSpace = timings["ours, outer alone"].value
     rasters = slice_rasters(outer.robot, outer.grid.spacing, outer.margin, rotations)
     for cell in chosen.tolist():

@@ -121,8 +121,8 @@ def build_joint_map(
         if name not in arm.joints:
             rule = f"there are {', '.join(arm.joints)}"
             raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
-        if name in Rotations.all_names() or name.split() != [name]:
-            rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
+        if name in Rotations._all_names() or name.split() != [name]:
+            rule = f"axis names have no blanks and differ from {', '.join(Rotations._all_names())}"
             raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
@@ -149,11 +149,12 @@ def build_joint_map(
     moving = _moving_pairs(space, joint_indices)
     _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
 
-    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space.inner_record.solids)
+    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._inner_scene.solids)
     parts, work = [np.zeros((1, 1, 1), dtype=np.uint8)], []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
-        pairs = space.record.pairs[(moving == moved).all(axis=1)]
-        scene, inside = space.record._replace(pairs=pairs), InnerScene(space.inner_record._replace(pairs=pairs), balls)
+        pairs = space._outer_scene.pairs[(moving == moved).all(axis=1)]
+        scene = space._outer_scene._replace(pairs=pairs)
+        inside = InnerScene(space._inner_scene._replace(pairs=pairs), balls)
         # Along joints that do not move these pairs, one cell represents all.
         sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
         parts.append(np.empty(sides, dtype=np.uint8))
@@ -176,10 +177,10 @@ def build_joint_map(
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
-    slices = rotations.slices_for(robot.shape)
+    slices = rotations._slices_for(robot.shape)
     circles = periodic_axes * any(periodic_axes)
     intervals[list(periodic_axes)] = -math.inf, math.inf
-    prove = partial(JointProofs, space.record, joint_indices, held, intervals)
+    prove = partial(JointProofs, space._outer_scene, joint_indices, held, intervals)
     return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], periodic_axes=circles, prove=prove))
 
 
@@ -248,7 +249,7 @@ def _count_cells(intervals: Floats, side: float) -> Ints:
 
 def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
     """Return which joints move which pairs, shape (pairs, joints)."""
-    chain, scene = space.arm.chain, space.record
+    chain, scene = space.arm.chain, space._outer_scene
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
     return np.stack([between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices], axis=1)
@@ -259,7 +260,7 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
 
     Otherwise all cells would be BLOCKED.
     """
-    scene = space.record._replace(pairs=space.record.pairs[still])
+    scene = space._outer_scene._replace(pairs=space._outer_scene.pairs[still])
     if not len(scene.pairs):
         return
     q = held[np.newaxis]
@@ -272,9 +273,9 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
 
 def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
     """Return the grid as kernels take it, along three axes."""
-    chain, solids = space.arm.chain, space.record.solids
+    chain, solids = space.arm.chain, space._outer_scene.solids
     levers = np.zeros(len(held))
-    for body in np.unique(solids.bodies[space.record.pairs]):
+    for body in np.unique(solids.bodies[space._outer_scene.pairs]):
         reach = float(solids.levers[solids.bodies == body].max())
         for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != FIXED)):
             travel = chain.lengths[body, joint] + reach if chain.kinds[joint] == REVOLUTE else 1.0

@@ -107,8 +107,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     obstacles : dict of str to PosedShape
     margin : float
         Metres by which FREE keeps links away from obstacles and from each other.
-    record, inner_record : Scene
-        Kernel inputs that prove FREE by outer shapes, and BLOCKED by inner shapes.
     """
 
     def __init__(
@@ -130,15 +128,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     fixed.append((i, j))
         # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
         pairs.sort(key=lambda pair: (solids[pair[1]].body != 0, -solids[pair[0]].body))
-        self.record = make_scene(arm.chain, solids, pairs, margin)
-        self.inner_record = make_inner_scene(self.record, solids)
+        # The outer scene proves FREE by outer shapes; the inner scene proves BLOCKED by inner shapes.
+        self._outer_scene = make_scene(arm.chain, solids, pairs, margin)
+        self._inner_scene = make_inner_scene(self._outer_scene, solids)
         for pair in fixed:
             self._refuse_fixed(np.array([pair]))
         self._refuse_always()
 
     def _refuse_fixed(self, pair: Ints) -> None:
         """Raise ConfigurationError if an obstacle touches a link that no joint moves."""
-        scene, q = self.record._replace(pairs=pair), np.zeros((1, self.arm.dof))
+        scene, q = self._outer_scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
         if not are_free(scene, q, q)[0]:
             link, obstacle, *_ = self.contact(scene, q)
             raise ConfigurationError(
@@ -153,10 +152,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         Tests pairs that at most two joints move.
         """
-        chain, bodies = self.arm.chain, self.record.solids.bodies
-        between = chain.between[tuple(bodies[self.record.pairs].T)] & (chain.kinds != FIXED)
+        chain, bodies = self.arm.chain, self._outer_scene.solids.bodies
+        between = chain.between[tuple(bodies[self._outer_scene.pairs].T)] & (chain.kinds != FIXED)
         few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
-        for link, other in self._always_touch(self.record.pairs[few]):
+        for link, other in self._always_touch(self._outer_scene.pairs[few]):
             raise ConfigurationError(
                 link,
                 f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random configurations",
@@ -166,7 +165,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
         """Yield the names of pairs that touch in all random configurations."""
-        scene, points = self.record._replace(pairs=pairs), draw_configurations(self.arm.ranges(), CONTACT_SAMPLES)
+        scene, points = self._outer_scene._replace(pairs=pairs), draw_configurations(self.arm.ranges(), CONTACT_SAMPLES)
         for pair in pairs[always_touch(scene, points)]:
             yield self.contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
 
@@ -204,7 +203,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` of floats, ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`."""
-        scene, size, local = self.record, self.size, threading.local()
+        scene, size, local = self._outer_scene, self.size, threading.local()
 
         def check(*endpoints: float) -> bool:
             try:
@@ -237,7 +236,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             As :meth:`is_free`.
         """
         points = self._check_configurations(q, "q")
-        out, _ = self._distances(self.record, points.reshape(-1, self.arm.dof))
+        out, _ = self._distances(self._outer_scene, points.reshape(-1, self.arm.dof))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
@@ -263,7 +262,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             return most
         for share in _DISTANCE_SHARES:
             extra = share * (most - self.margin)
-            wider = self.record._replace(required=self.record.required + extra)
+            wider = self._outer_scene._replace(required=self._outer_scene.required + extra)
             if are_free(wider, as_contiguous(path[:-1]), as_contiguous(path[1:])).all():
                 return self.margin + extra
         return 0.0
@@ -279,9 +278,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
             raise InputError("q", f"has shape {point.shape}", "it must be one configuration", "pass one", value=q)
-        if not len(self.record.pairs):
+        if not len(self._outer_scene.pairs):
             raise InputError("obstacles", "are none", "there is nothing to touch", "add an obstacle")
-        return self.contact(self.record, point[np.newaxis])
+        return self.contact(self._outer_scene, point[np.newaxis])
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
         """Return the pair of a scene nearest to touching.
@@ -344,7 +343,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             batches.append(points[np.asarray(self.is_free(points))])
             tried += len(points)
             if tried >= _MAX_FAILED_SAMPLES and not count_drawn:
-                always = [f"{link} touches {other}" for link, other in self._always_touch(self.record.pairs)]
+                always = [f"{link} touches {other}" for link, other in self._always_touch(self._outer_scene.pairs)]
                 raise ConfigurationError(
                     self.arm.name,
                     f"was free in none of {tried} configurations",
@@ -409,13 +408,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         start, goals = self.arm.clamp(start), self.arm.clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
-        free = are_free(self.record, endpoints, endpoints)
+        free = are_free(self._outer_scene, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise collision_error(self, q, name)
         images, rng = images[free[1:]], np.random.default_rng(seed)
         ranges = self.arm.ranges(np.vstack([start, images]))
-        return search_path(self.record, ranges, start, images, rng, seconds, straight, self._spans)
+        return search_path(self._outer_scene, ranges, start, images, rng, seconds, straight, self._spans)
 
     @property
     def _spans(self) -> Floats:
@@ -504,7 +503,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
             def find_blocked(first: int, stop: int) -> int:
                 blocked, rows_left = np.empty(stop - first, dtype=np.bool_), left[first:stop]
-                are_blocked(self.inner_record, rows[rows_left], blocked, make_scene_scratch(self.inner_record))
+                are_blocked(self._inner_scene, rows[rows_left], blocked, make_scene_scratch(self._inner_scene))
                 out[rows_left[blocked]] = BLOCKED
                 return -1
 
@@ -525,7 +524,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
 
         def prove(first: int, stop: int) -> int:
-            out[first:stop] = are_free(self.record, rows[0][first:stop], rows[-1][first:stop])
+            out[first:stop] = are_free(self._outer_scene, rows[0][first:stop], rows[-1][first:stop])
             return -1
 
         return in_chunks(prove, len(out), MIN_MOTIONS_PER_THREAD)

@@ -329,8 +329,8 @@ class _MapEstimate:
         self._facts: dict[str, Any] = {}
         if rotations._facts:
             # A symmetric robot needs fewer slices than rotation cells.
-            self.slices = rotations.count if robot is None else int(rotations.slices_for(robot.shape).max()) + 1
-            self._facts = {"rotations": rotations.count, "slices": self.slices}
+            self.slices = len(rotations) if robot is None else int(rotations._slices_for(robot.shape).max()) + 1
+            self._facts = {"rotations": len(rotations), "slices": self.slices}
 
     def describe_grid(
         self, corners: Any, spacing: float | None, bounds: Any, bytes_per_cell: int, what: str
@@ -398,7 +398,9 @@ class _MapEstimate:
         def fewer(share: float) -> str:
             # The workspace needs the same memory with fewer rotations.
             available = share * (needed - TRANSFORM_BYTES) - max(workspace, read - TRANSFORM_BYTES)
-            return self._rotations.fewer(available / (states - TRANSFORM_BYTES)) if available > 0.0 else ""
+            return (
+                self._rotations._argument_for_fewer(available / (states - TRANSFORM_BYTES)) if available > 0.0 else ""
+            )
 
         try:
             fixed = TRANSFORM_BYTES if needed > read else 0

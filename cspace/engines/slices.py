@@ -46,8 +46,8 @@ def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     """
     if slices == 1:
         return 0.0
-    centers = rotations.centers[:: max(1, rotations.count // SAMPLED_ROTATIONS)]
-    matrices = rotations.matrices(np.hstack([np.zeros((len(centers), robot.dim)), centers]))
+    centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
+    matrices = rotations._rotation_matrices(np.hstack([np.zeros((len(centers), robot.dim)), centers]))
     corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
     sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
     cells = 2.0 * float(np.prod(sides / spacing + 2.0, axis=1).mean())  # outer and inner raster
@@ -60,12 +60,12 @@ def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     Rasters are made from the rotated geometry, except for slices that are the image of another slice by quarter turns
     or mirrors; those are made in the same task as that slice.
     """
-    if rotations.preserve(robot.shape):
-        return [lambda: [(0, robot.rasters(spacing, margin))]]
-    slice_of = rotations.slices_for(robot.shape)
-    first_cells, cells = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
+    if rotations._preserve(robot.shape):
+        return [lambda: [(0, robot._rasters(spacing, margin))]]
+    slice_of = rotations._slices_for(robot.shape)
+    first_cells, cells = np.unique(slice_of, return_index=True)[1], rotations._shape_cells(robot.dim)
     # Each slice comes from the smallest of its images; the transposed matrix maps it back.
-    images = rotations.images(robot.shape)
+    images = rotations._images(robot.shape)
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
     image_indices, sources, slices = image_slices.argmin(axis=0), image_slices.min(axis=0), np.arange(len(first_cells))
     images_of: dict[int, list[int]] = {}
@@ -73,7 +73,7 @@ def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotatio
         images_of.setdefault(int(sources[index]), []).append(index)
 
     def rasterise(index: int) -> list[tuple[int, RasterPair]]:
-        rasters = [(index, robot.rasters(spacing, margin, cells[first_cells[index]]))]
+        rasters = [(index, robot._rasters(spacing, margin, cells[first_cells[index]]))]
         for index_known, (outer, inner) in rasters:  # grows during the loop
             for image in images_of.get(index_known, ()):
                 matrix = images[image_indices[image]][0].T

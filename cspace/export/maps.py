@@ -147,9 +147,9 @@ def export(
     """
     suffix = check_export(path, contents.grid.dim)
     if suffix in _CELL_WRITERS:
-        cells: Sequence[int] = range(contents.rotations.count)
+        cells: Sequence[int] = range(len(contents.rotations))
         if rotation is not None or suffix not in _MULTI_CELL_SUFFIXES:
-            cells = [contents.rotations.one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
+            cells = [contents.rotations._one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
         _CELL_WRITERS[suffix][0](contents, cells, path, overwrite)
         return
     if rotation is not None:
@@ -234,7 +234,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     """
     import xarray
 
-    dim, cells = contents.grid.dim, contents.rotations.leading(contents.rotations.count)
+    dim, cells = contents.grid.dim, contents.rotations._leading_axes(len(contents.rotations))
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
     contents = replace(contents, exterior=None)  # it labels no cells

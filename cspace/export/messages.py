@@ -58,7 +58,7 @@ def costmap_of(
         raise InputError("the map", "is one in space", "a costmap is plane", "build a map of the plane")
     number = None
     if rotation is not None:
-        number = int(space.slice_of[int(space.rotations.cells_of(space.rotations.checked(rotation)))])
+        number = int(space.slice_of[int(space.rotations._cells_of(space.rotations._check_rotation(rotation)))])
     inscribed, spacing = space.robot.inscribed_radius + space.margin, space.grid.spacing
     clearance = spacing * space._inflated((radius - inscribed) / spacing, number)
     costs = costs_of(clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius)

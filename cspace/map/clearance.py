@@ -73,7 +73,7 @@ def clearance_at(map_: Map, marks: OccupancyBits, q: Numbers, upper_bound: float
     """
     if state_at(map_, q) != FREE:
         return 0.0
-    s, dim, position = map_.rotations.states_at(q), len(map_.lower), (0.5, 0.5, 0.5)
+    s, dim, position = map_.rotations.slice_at(q), len(map_.lower), (0.5, 0.5, 0.5)
     to_border = math.inf
     for axis in range(dim):
         # Positions beyond the limit are equally far from everything.
@@ -518,7 +518,7 @@ def clearances(map_: Map, marks: OccupancyBits, points: Floats, out: Floats) -> 
             return n
         # Clearance is 1-Lipschitz at the same rotation, so the previous clearance bounds this one.
         upper_bound = math.inf
-        if map_.rotations.states_at(q) == map_.rotations.states_at(last):
+        if map_.rotations.slice_at(q) == map_.rotations.slice_at(last):
             square = 0.0
             for axis in range(dim):
                 square += ((q[axis] - last[axis]) / map_.spacing) ** 2

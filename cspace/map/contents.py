@@ -118,7 +118,7 @@ class Contents:
 
         If the robot does not rotate, it is the shape of the cells alone.
         """
-        return (*self.rotations.leading(n), *self.grid.shape)
+        return (*self.rotations._leading_axes(n), *self.grid.shape)
 
     def copy(self) -> Contents:
         """Return a copy with its own arrays; arrays that are never written are shared."""

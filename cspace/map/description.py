@@ -172,7 +172,7 @@ def describe_map(
         "units": " ".join(grid.units),
         "outside": outside,
         "margin": float(margin),
-        "rotations": rotations.count,
+        "rotations": len(rotations),
         "slices": slices,
         "robot": robot._definition,
         "workspace_source": source,
@@ -223,7 +223,7 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
         stacked["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    return {**arrays, **contents.rotations.coordinates, **shapes_array(workspace.shapes)}
+    return {**arrays, **contents.rotations._coordinates, **shapes_array(workspace.shapes)}
 
 
 def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:

@@ -87,7 +87,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
     _, _, cell = cell_of(map_, q)
     i, j, k = drop_slice(cell, 0)
-    s = map_.rotations.states_at(q)
+    s = map_.rotations.slice_at(q)
     total = 0
     for r in range(runs.stops[s - 1] if s > 0 else 0, runs.stops[s]):
         a, b = i + runs.rows[r, 0], j + runs.rows[r, 1]

@@ -56,7 +56,7 @@ class Periodic(OneRotation):
     # ---- configurations ----------------------------------------------------------------------------------------------
 
     @_quiet
-    def canonical(self, q: Floats, name: str = "q") -> Floats:
+    def _make_canonical(self, q: Floats, name: str = "q") -> Floats:
         """Return configurations, shape (..., size), with each angle in [-pi, pi).
 
         Raises
@@ -70,7 +70,7 @@ class Periodic(OneRotation):
             raise InputError(name, problem, rule, "leave out whole turns", value=float(q[far][0]))
         return wrapped(q, self.axes)
 
-    def steps(self, q0: Floats, q1: Floats) -> Floats:
+    def _steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, along the shorter arcs; half a turn keeps its sign."""
         return shorter(q1 - q0, self.axes)
 
@@ -80,9 +80,10 @@ class Periodic(OneRotation):
         @_quiet
         def run_wrapped(given: Floats, *others_and_out: NDArray[Any]) -> int:
             *others, out = others_and_out
-            first, *lasts = map(self.canonical, (given, *others))
+            first, *lasts = map(self._make_canonical, (given, *others))
             ends = (
-                np.where(self.axes, first + self.steps(given, q), last) for q, last in zip(others, lasts, strict=True)
+                np.where(self.axes, first + self._steps_between(given, q), last)
+                for q, last in zip(others, lasts, strict=True)
             )
             return kernel(first, *ends, out)
 
@@ -90,7 +91,7 @@ class Periodic(OneRotation):
 
     def begin_at(self, path: Floats, q0: Floats) -> Floats:
         """Shift a path by whole turns so that it begins at a configuration."""
-        return path + (q0 - path[:1] - self.steps(path[:1], q0))
+        return path + (q0 - path[:1] - self._steps_between(path[:1], q0))
 
     def names_among(self, axes: Sequence[str]) -> list[str]:
         """Return the names of the periodic axes."""
@@ -110,7 +111,7 @@ class Periodic(OneRotation):
 
     def cells_in_turn(self, unrolled: Grid, q: Floats) -> Ints:
         """Return cells of configurations, shape (..., d), rounded on borders as look-ups round."""
-        cells = unrolled.cell_of(self.canonical(q)) - self.padding
+        cells = unrolled.cell_of(self._make_canonical(q)) - self.padding
         return np.where(self.axes, cells % self.counts, cells)
 
     def unroll(

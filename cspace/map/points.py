@@ -87,7 +87,7 @@ def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
     agrees with ``Grid.cell_of``.
     """
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
-    index = map_.rotations.states_at(q)
+    index = map_.rotations.slice_at(q)
     cell: Cell = replaced(map_.states.shape, 0, index)
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]

@@ -152,7 +152,7 @@ def sample(
 
     There must be at least one FREE cell.
     """
-    rotation_cells = rotations.draw_cells(free.counts[slice_of], n, rng)
+    rotation_cells = rotations._draw_cells(free.counts[slice_of], n, rng)
     cells, positions = free.draw(slice_of[rotation_cells], rng), np.empty((n, grid.dim))
     for axis in range(grid.dim - 1, 0, -1):  # faster than numpy.unravel_index
         rows = cells // grid.shape[axis]
@@ -161,7 +161,7 @@ def sample(
     positions += rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=positions.shape)
     positions *= grid.spacing
     positions += grid.lower
-    return np.concatenate([positions, rotations.sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
+    return np.concatenate([positions, rotations._sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
 
 
 # ---- the nearest one -------------------------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ def nearest(states: Stack, slice_of: Ints, rotations: Rotations, grid: Grid, q: 
     dim = grid.dim
     position = np.full(3, 0.5)
     position[3 - dim :] = (q[:dim] - grid.lower) / grid.spacing
-    angular = rotations.distances(q) / 2.0
+    angular = rotations._angles_to_centers(q) / 2.0
     best, min_distance = None, math.inf
     seen: set[int] = set()
     for r in np.argsort(angular, kind="stable").tolist():

@@ -108,8 +108,8 @@ class Widest:
             layered[s] = compute_periodic_levels(state.reshape(layered.shape[1:]), blocked_axes[s], periodic)
 
         in_threads(fill, list(enumerate(states)), cores())
-        centers = np.column_stack([np.zeros((rotations.count, levels.ndim - 1)), rotations.centers])
-        turns = np.linalg.norm(rotations.steps(centers[:, None], centers[rotations.neighbors]), axis=-1)
+        centers = np.column_stack([np.zeros((len(rotations), levels.ndim - 1)), rotations.centers])
+        turns = np.linalg.norm(rotations._steps_between(centers[:, None], centers[rotations._neighbors]), axis=-1)
         costs = METRES_PER_RADIAN / map_.spacing * turns
         return cls(levels, map_.slice_of, rotations, costs, periodic_axes, blocked_axes)
 
@@ -155,7 +155,7 @@ class Widest:
         shape, path = self.levels.shape[1:], [tuple(cell.tolist())]
         while True:
             rotation, *position = path[-1]
-            candidates = [(other, *position) for other in self.rotations.neighbors[rotation].tolist() if other >= 0]
+            candidates = [(other, *position) for other in self.rotations._neighbors[rotation].tolist() if other >= 0]
             for axis, step in product(range(len(shape)), (-1, 1)):
                 coordinate = position[axis] + step
                 if self.periodic_axes[axis] or 0 <= coordinate < shape[axis]:
@@ -196,9 +196,9 @@ class Widest:
         The result has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
         states, free_positions = self.states(min_level), None
-        graph = Graph.of(states, self.slice_of, self.rotations.neighbors, self.turns, self.periodic_axes)
+        graph = Graph.of(states, self.slice_of, self.rotations._neighbors, self.turns, self.periodic_axes)
         if len(self.slice_of) > 1:
-            no_rotations = np.zeros(1, dtype=np.int64), self.rotations.neighbors[:1, :0], self.turns[:1, :0]
+            no_rotations = np.zeros(1, dtype=np.int64), self.rotations._neighbors[:1, :0], self.turns[:1, :0]
             free_positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations, self.periodic_axes)
         return graph.chain(start, goal, until, free_positions=free_positions)
 
@@ -378,7 +378,7 @@ def find_widest_path(
     no path exists. If not ``straight``, waypoints are the centers of the cells passed. Values of periodic axes are
     unwrapped. Raises TimeoutError after ``until``.
     """
-    rotations, q, cells_of_q = widest.rotations, widest.rotations.canonical(endpoints[0]), endpoints[1]
+    rotations, q, cells_of_q = widest.rotations, widest.rotations._make_canonical(endpoints[0]), endpoints[1]
     climbs = [widest.climb(cell) for cell in cells_of_q]
     level = widest.bottleneck(climbs[0][-1], climbs[1][-1], join, until)
     if not level:

@@ -188,7 +188,7 @@ class CompiledRotations(Protocol):
     def is_usable(self, q: Numbers) -> bool:
         """Return True if the coordinates of a rotation are finite and exact enough."""
 
-    def states_at(self, q: Numbers) -> int:
+    def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
@@ -271,28 +271,28 @@ class Rotations(ABC):
         Names of the coordinates of a rotation.
     units : tuple of str
         Their units: "rad", or "1" for quaternions.
-    examples : tuple of str
-        Example values as texts: angles with their unit.
-    limits : str
-        Rule for the coordinates, for messages; empty if there is none.
-    slack : float
-        Maximum rotation error of a configuration due to rounding, in radians.
-    about_z : bool
-        True if all rotations are about the z axis.
     """
 
     KINDS: ClassVar[dict[str, type[Rotations]]] = {}
     """Classes of rotation cells by name, see ``cspace.rotations``."""
 
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
-    """Descriptions of :attr:`coordinates` by name; the first name is unique to the kind."""
+    """Descriptions of ``_coordinates`` by name; the first name is unique to the kind."""
 
     names: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[tuple[str, ...]] = ()
-    examples: ClassVar[tuple[str, ...]] = ()
-    limits: ClassVar[str] = ""
-    slack: ClassVar[float] = ANGLE_SLACK
-    about_z: ClassVar[bool] = False
+
+    _examples: ClassVar[tuple[str, ...]] = ()
+    """Example values as texts: angles with their unit."""
+
+    _limits: ClassVar[str] = ""
+    """Rule for the coordinates, for messages; empty if there is none."""
+
+    _slack: ClassVar[float] = ANGLE_SLACK
+    """Maximum rotation error of a configuration due to rounding, in radians."""
+
+    _about_z: ClassVar[bool] = False
+    """True if all rotations are about the z axis."""
 
     @staticmethod
     def of(value: int | Sequence[float] | Rotations | ArrayLike | None) -> Rotations:
@@ -312,7 +312,7 @@ class Rotations(ABC):
         """
         if isinstance(value, Rotations):
             return value
-        return Rotations.KINDS["fixed" if value is None else "yaw"].of_value(value)
+        return Rotations.KINDS["fixed" if value is None else "yaw"]._of_value(value)
 
     @staticmethod
     def quaternions(n: int) -> Rotations:
@@ -335,55 +335,55 @@ class Rotations(ABC):
         Examples
         --------
         >>> import cspace
-        >>> cspace.Rotations.quaternions(8).count
+        >>> len(cspace.Rotations.quaternions(8))
         2048
         """
-        return Rotations.KINDS["quaternions"].of_value(n)
+        return Rotations.KINDS["quaternions"]._of_value(n)
 
     @staticmethod
-    def from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
-        """Make rotation cells from their :attr:`coordinates`, exactly.
+    def _from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+        """Make rotation cells from their ``_coordinates``, exactly.
 
         Other arrays are ignored.
         """
         kinds = reversed(Rotations.KINDS.values())  # the first kind has no coordinates
         return next(
-            kind.of_coordinates(coordinates) for kind in kinds if all(name in coordinates for name in kind.COORDINATES)
+            kind._of_coordinates(coordinates) for kind in kinds if all(name in coordinates for name in kind.COORDINATES)
         )
 
     @staticmethod
-    def all_names() -> list[str]:
+    def _all_names() -> list[str]:
         """Return the coordinate names of all kinds of rotations.
 
         No other coordinate has one of these names.
         """
-        return list(Rotations.all_units())
+        return list(Rotations._all_units())
 
     @staticmethod
-    def all_units() -> dict[str, str]:
+    def _all_units() -> dict[str, str]:
         """Return the units of all coordinates of rotations, by name."""
         kinds = Rotations.KINDS.values()
         return {name: unit for kind in kinds for name, unit in zip(kind.names, kind.units, strict=True)}
 
     @staticmethod
-    def all_limits() -> str:
+    def _all_limits() -> str:
         """Return the rule for configurations of all kinds, for messages."""
-        limits = (kind.limits for kind in Rotations.KINDS.values() if kind.limits)
+        limits = (kind._limits for kind in Rotations.KINDS.values() if kind._limits)
         return f"numbers must be finite, {', '.join(limits)}"
 
     @classmethod
     @abstractmethod
-    def of_value(cls, value: ArrayLike | None) -> Rotations:
+    def _of_value(cls, value: ArrayLike | None) -> Rotations:
         """Make cells of one kind from the user's value, after checking it."""
 
     @classmethod
     @abstractmethod
-    def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
-        """Make cells of one kind from their :attr:`coordinates`."""
+    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+        """Make cells of one kind from their ``_coordinates``."""
 
     # ---- rotations as numbers
 
-    def canonical(self, q: Floats, name: str = "q") -> Floats:
+    def _make_canonical(self, q: Floats, name: str = "q") -> Floats:
         """Wrap yaws of configurations to [-pi, pi), and normalise quaternions.
 
         Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged to the last bit.
@@ -393,12 +393,12 @@ class Rotations(ABC):
         position, rotation = self._parts(q)
         return np.concatenate([position, self._canonical(rotation, name)], axis=-1)
 
-    def steps(self, q0: Floats, q1: Floats) -> Floats:
+    def _steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation."""
         (position0, rotation0), (position1, rotation1) = self._parts(q0), self._parts(q1)
         return np.concatenate([position1 - position0, self._rotation_between(rotation0, rotation1)], axis=-1)
 
-    def moved(self, q: Floats, steps: Floats) -> Floats:
+    def _add_steps(self, q: Floats, steps: Floats) -> Floats:
         """Return configurations after steps, or after fractions of them.
 
         The rotation is even along a step.
@@ -407,12 +407,12 @@ class Rotations(ABC):
         dim = position.shape[-1]
         return np.concatenate([position + steps[..., :dim], self._rotate(rotation, steps[..., dim:])], axis=-1)
 
-    def matrices(self, q: Floats) -> Floats:
+    def _rotation_matrices(self, q: Floats) -> Floats:
         """Return the rotation matrices of configurations, shape (..., d, d)."""
         position, rotation = self._parts(q)
         return self._matrices(rotation, position.shape[-1])
 
-    def checked(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
+    def _check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
         """Check one rotation; return its canonical coordinates.
 
         Raises InputError if it is not one rotation.
@@ -425,19 +425,19 @@ class Rotations(ABC):
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
 
-    def text(self, rotation: Floats) -> str:
+    def _format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         return ""
 
-    def of_matrix(self, matrix: Floats) -> Floats:
+    def _from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix in space; for a yaw, its part about z."""
         return np.empty(0)
 
-    def heading(self, q: Floats) -> float | None:
+    def _yaw_of(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians; None if there is none."""
         return None
 
-    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle, from uniform numbers of [0, 1).
 
         Uses plain floats, because samples are made one by one.
@@ -467,9 +467,8 @@ class Rotations(ABC):
 
     # ---- cells of rotations
 
-    @property
-    def count(self) -> int:
-        """Number of cells."""
+    def __len__(self) -> int:
+        """Return the number of cells."""
         return 1
 
     def cell_of(self, rotation: ArrayLike) -> Ints:
@@ -479,7 +478,7 @@ class Rotations(ABC):
         """
         return np.zeros((), dtype=np.int64)
 
-    def one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
+    def _one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
         """Return the cell that contains a rotation, or the only cell.
 
         Raises
@@ -487,24 +486,24 @@ class Rotations(ABC):
         InputError
             If it is not one rotation, or it is missing and there are several cells; ``rule`` says why one is needed.
         """
-        if rotation is None and self.count > 1:
-            rule = f"{rule}, and this map has {self.count} rotation cells"
+        if rotation is None and len(self) > 1:
+            rule = f"{rule}, and this map has {len(self)} rotation cells"
             raise InputError(name, "is missing", rule, f"pass the one to take, by {', '.join(self.names)}")
-        return int(self.cells_of(self.centers[0] if rotation is None else self.checked(rotation, name)))
+        return int(self._cells_of(self.centers[0] if rotation is None else self._check_rotation(rotation, name)))
 
-    def cells_of(self, q: Floats) -> Ints:
+    def _cells_of(self, q: Floats) -> Ints:
         """Return the cells of configurations, shape (..., d + size)."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
-    def leading(self, n: int) -> tuple[int, ...]:
+    def _leading_axes(self, n: int) -> tuple[int, ...]:
         """Return the leading axes of an array of n grids: (), or (n,) if there can be several."""
         return (n,)
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def _preserve(self, shape: Symmetric) -> bool:
         """Return True if all rotations of all cells map a shape to itself."""
         return True
 
-    def check_dimension(self, dim: int) -> None:  # noqa: B027
+    def _check_dimension(self, dim: int) -> None:  # noqa: B027
         """Refuse dimensions that do not have such rotations.
 
         Raises
@@ -513,11 +512,11 @@ class Rotations(ABC):
             If ``dim`` is one.
         """
 
-    def fewer(self, share: float) -> str:
+    def _argument_for_fewer(self, share: float) -> str:
         """Return the argument for at most a fraction of the cells, for messages."""
         return ""
 
-    def slices_for(self, shape: Symmetric) -> Ints:
+    def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 
         Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered from 0, in the order
@@ -525,7 +524,7 @@ class Rotations(ABC):
         """
         return np.zeros(1, dtype=np.int64)
 
-    def turns(self, dim: int) -> list[RotationCell]:
+    def _shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form for shapes of dimension ``dim``."""
         return [NO_ROTATION]
 
@@ -543,7 +542,7 @@ class Rotations(ABC):
         return np.zeros(1)
 
     @property
-    def coordinates(self) -> dict[str, Floats]:
+    def _coordinates(self) -> dict[str, Floats]:
         """Arrays that describe the cells in files, by name.
 
         The first axis counts the cells.
@@ -551,68 +550,68 @@ class Rotations(ABC):
         return {}
 
     @property
-    def volumes(self) -> Floats:
+    def _volumes(self) -> Floats:
         """Volume of each cell, shape (count,), in any unit."""
         return np.ones(1)
 
-    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+    def _draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Draw cells with probabilities proportional to volume times share, shape (n,).
 
         ``shares``, shape (count,), has an entry above zero.
         """
-        sizes = shares * self.volumes
-        return rng.choice(self.count, size=n, p=sizes / sizes.sum())
+        sizes = shares * self._volumes
+        return rng.choice(len(self), size=n, p=sizes / sizes.sum())
 
-    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a rotation uniformly from each of some cells, shape (n, size).
 
         ``margin`` is the fraction of a cell that is left out at each boundary.
         """
         return np.zeros((len(cells), 0))
 
-    def distances(self, q: Floats) -> Floats:
+    def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles between rotations and the representatives of all cells.
 
         ``q`` are configurations, shape (..., d + size); the result has the shape (..., count), radians.
         """
         return np.zeros((*q.shape[:-1], 1))
 
-    def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+    def _cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """Return all cells with a rotation within an angle of each configuration's rotation.
 
         ``q`` has the shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and cell,
         shape (m,) each, in the order of the configurations; rounding is included.
         """
-        rows, cells, batch = [], [], max(1, MAX_PAIRS_PER_BATCH // self.count)
+        rows, cells, batch = [], [], max(1, MAX_PAIRS_PER_BATCH // len(self))
         for k in range(0, max(len(q), 1), batch):
             reach = self.covering_angles + angles[k : k + batch, None]
-            row, cell = np.nonzero(self.distances(q[k : k + batch]) <= reach)
+            row, cell = np.nonzero(self._angles_to_centers(q[k : k + batch]) <= reach)
             rows.append(row + k)
             cells.append(cell)
         return np.concatenate(rows), np.concatenate(cells)
 
     @property
-    def neighbors(self) -> Ints:
+    def _neighbors(self) -> Ints:
         """Cells that share a boundary with each cell, shape (count, n).
 
         Missing neighbours are -1.
         """
         return np.zeros((1, 0), dtype=np.int64)
 
-    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the rotations and mirrors that map cells to cells.
 
         Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A equals S R M A for every
         rotation R, so S maps the raster for R to that for S R M. Returns each S, shape (d, d), with the image of each
         cell, shape (count,); the identity is among them.
         """
-        return [(np.eye(len(shape.symmetries[0])), np.arange(self.count))]
+        return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
-    def compiled(self, slice_of: Ints) -> CompiledRotations:
+    def _compile(self, slice_of: Ints) -> CompiledRotations:
         """Return the record for compiled look-ups."""
         return OneCell((0,))
 
-    def dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return all rotations as dials.
 
         The pixels are at x and y, shape (n, n) each. The list is empty if there is no rotation.
@@ -623,24 +622,26 @@ class Rotations(ABC):
     def _facts(self) -> dict[str, object]:
         """Facts about the cells, for people, by name."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
-        return {"rotations": self.count, "rotation_cell_deg": round(width, 6)}
+        return {"rotations": len(self), "rotation_cell_deg": round(width, 6)}
 
     @property
-    def fixed(self) -> Floats | None:
+    def _only_rotation(self) -> Floats | None:
         """Rotation of a robot that only translates, shape (0,); None for others."""
         return None
 
-    def describe(self, rotation: Floats | None) -> str:
+    def _describe(self, rotation: Floats | None) -> str:
         """Describe the cell that contains a rotation, or else all cells."""
         angles = np.degrees(2.0 * self.covering_angles)
         if rotation is not None:
-            return f"{self.text(rotation)}, in a rotation cell of {angles[self.cell_of(rotation)].item():.3g}°"
+            return (
+                f"{self._format_rotation(rotation)}, in a rotation cell of {angles[self.cell_of(rotation)].item():.3g}°"
+            )
         width = f"{angles.min():.3g}°" + ("" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°")
-        return f"over all rotations, {self.count} rotation cells of {width}"
+        return f"over all rotations, {len(self)} rotation cells of {width}"
 
     def __str__(self) -> str:
         """Return the number of cells in words."""
-        return f"{self.count} rotations"
+        return f"{len(self)} rotations"
 
     def __repr__(self) -> str:
         """Return the class and the number of cells."""
@@ -651,15 +652,15 @@ class Rotations(ABC):
 class OneRotation(Rotations):
     """The one rotation cell of a robot that only translates."""
 
-    slack: ClassVar[float] = 0.0
+    _slack: ClassVar[float] = 0.0
 
     @classmethod
-    def of_value(cls, value: ArrayLike | None = None) -> OneRotation:
+    def _of_value(cls, value: ArrayLike | None = None) -> OneRotation:
         """Return the only cell."""
         return cls()
 
     @classmethod
-    def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
+    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
         """Return the only cell."""
         return cls()
 
@@ -668,19 +669,19 @@ class OneRotation(Rotations):
         return {}
 
     @property
-    def fixed(self) -> Floats:
+    def _only_rotation(self) -> Floats:
         """The rotation, shape (0,)."""
         return np.empty(0)
 
-    def describe(self, rotation: Floats | None) -> str:
+    def _describe(self, rotation: Floats | None) -> str:
         """Return an empty text."""
         return ""
 
-    def leading(self, n: int) -> tuple[int, ...]:
+    def _leading_axes(self, n: int) -> tuple[int, ...]:
         """Return no axes."""
         return ()
 
-    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+    def _draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Return cell 0 ``n`` times, without a draw."""
         return np.zeros(n, dtype=np.int64)
 
@@ -699,7 +700,7 @@ class OneCell(NamedTuple):
         """Return True if the coordinates of a rotation are finite and exact enough."""
         return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
 
-    def states_at(self, q: Numbers) -> int:
+    def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""
         return 0
 

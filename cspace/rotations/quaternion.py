@@ -69,26 +69,26 @@ class QuaternionRotations(Rotations):
     n: int
     names = ("qx", "qy", "qz", "qw")
     units = ("1",) * 4
-    examples = ("0", "0", "0", "1")
-    limits = "a quaternion (qx, qy, qz, qw) of norm 1"
+    _examples = ("0", "0", "0", "1")
+    _limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate("representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}),
         "covering_angle": COVERING_ANGLE,
     }
 
     @classmethod
-    def of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
+    def _of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
         """Make cells from the number of parts of an axis, see :meth:`Rotations.quaternions`."""
         return cls(
             check_count(value, "rotations", 1, MAX_PARTS_PER_AXIS, "pass e.g. 8, for 2,048 cells of quaternions")
         )
 
     @classmethod
-    def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
+    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
         """Make as many cells as there are centers."""
         return cls(max(1, round((len(coordinates["quaternion"]) / 4.0) ** (1.0 / 3.0))))
 
-    def text(self, rotation: Floats) -> str:
+    def _format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         by = self._rotation_between(np.array([0.0, 0.0, 0.0, 1.0]), rotation)
         angle = float(np.linalg.norm(by))
@@ -96,13 +96,13 @@ class QuaternionRotations(Rotations):
         degrees = f"{round(math.degrees(angle), 1):g}°"
         return f"turned {degrees} about ({axis})" if angle > 1e-9 else "not turned"
 
-    def of_matrix(self, matrix: Floats) -> Floats:
+    def _from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
-    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle."""
         by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]
         rotated: list[float] = self._rotate(np.array(rotation), np.array(by)).tolist()
@@ -140,9 +140,8 @@ class QuaternionRotations(Rotations):
         ]
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
-    @property
-    def count(self) -> int:
-        """Number of cells."""
+    def __len__(self) -> int:
+        """Return the number of cells."""
         return 4 * self.n**3
 
     @property
@@ -170,40 +169,40 @@ class QuaternionRotations(Rotations):
         parts = np.clip(np.searchsorted(self.borders, quotients, side="right") - 1, 0, self.n - 1)
         return np.asarray(largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64)
 
-    def cells_of(self, q: Floats) -> Ints:
+    def _cells_of(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -4:])
 
-    def check_dimension(self, dim: int) -> None:
+    def _check_dimension(self, dim: int) -> None:
         """Refuse the plane."""
         if dim == 2:
             rule, hint = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint, value=self)
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def _preserve(self, shape: Symmetric) -> bool:
         """Return True if a shape is a ball about its reference point."""
         return shape.is_round
 
-    def fewer(self, share: float) -> str:
+    def _argument_for_fewer(self, share: float) -> str:
         """Return the argument for at most a fraction of the cells."""
-        n = int((share * self.count / 4.0) ** (1.0 / 3.0) + 1e-9)
+        n = int((share * len(self) / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"rotations=Rotations.quaternions({n})" if n else ""
 
-    def slices_for(self, shape: Symmetric) -> Ints:
+    def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells related by a half turn of the robot share one. In quaternions, half turns about the robot's axes permute
         and negate components, and so map cells to cells; quarter turns do not.
         """
         if shape.is_round:
-            return np.zeros(self.count, dtype=np.int64)
-        smallest = np.arange(self.count)
+            return np.zeros(len(self), dtype=np.int64)
+        smallest = np.arange(len(self))
         for matrix, change in self._changes(shape):
             if (matrix == np.eye(3)).all():
                 smallest = np.minimum(smallest, smallest[self.cell_of(self.centers @ change)])
         return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
 
-    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the rotations and mirrors that permute and negate quaternion components.
 
         They map cells to cells: S and M permute the axes inversely to each other, with any signs.
@@ -216,7 +215,7 @@ class QuaternionRotations(Rotations):
         signs = np.linalg.det(symmetries)
         # A mirror is a rotation times the point reflection; rotations come first.
         order = np.argsort(-signs, kind="stable")
-        rotations = self.of_matrix(symmetries[order] * signs[order, None, None])[:, None, None]
+        rotations = self._from_matrix(symmetries[order] * signs[order, None, None])[:, None, None]
         inverses = multiply(np.eye(4), rotations * (-1.0, -1.0, -1.0, 1.0))
         changes = np.round(multiply(multiply(inverses.swapaxes(1, 2), np.eye(4)), rotations))
         matrices = _HALF_TURNS @ symmetries[order, None].swapaxes(-1, -2)
@@ -225,7 +224,7 @@ class QuaternionRotations(Rotations):
             changes_seen.setdefault(change.tobytes(), (matrix, change))
         return changes_seen.values()
 
-    def turns(self, dim: int) -> list[RotationCell]:
+    def _shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form for shapes."""
         matrices = self._matrices(self.centers, dim)
         return [RotationCell(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
@@ -241,16 +240,16 @@ class QuaternionRotations(Rotations):
         return _chart(self.n).covering_angles
 
     @property
-    def coordinates(self) -> dict[str, Floats]:
+    def _coordinates(self) -> dict[str, Floats]:
         """Center of each cell, shape (count, 4), and its covering angle, radians."""
         return dict(zip(self.COORDINATES, (self.centers, self.covering_angles), strict=True))
 
     @property
-    def volumes(self) -> Floats:
+    def _volumes(self) -> Floats:
         """Haar measure of each cell; their sum is 1."""
         return _chart(self.n).volumes
 
-    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw quaternions from cells, uniformly in Haar measure."""
         n, borders = self.n, self.borders
         parts = np.stack(np.unravel_index(cells, (4, n, n, n)), axis=-1)
@@ -265,12 +264,12 @@ class QuaternionRotations(Rotations):
             pending = pending[~accepted]
         return _quaternions(parts[:, 0], quotients)
 
-    def distances(self, q: Floats) -> Floats:
+    def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
         return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
 
     @property
-    def neighbors(self) -> Ints:
+    def _neighbors(self) -> Ints:
         """Cells before and after each cell along the axes of its chart.
 
         They may lie in another chart.
@@ -296,7 +295,7 @@ class QuaternionRotations(Rotations):
                 columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
         return np.stack(columns, axis=1).astype(np.int64)
 
-    def dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return discs of tilts, one for each heading.
 
         After a rotation about z, the robot is tilted by nothing at the center up to half a turn at the rim.
@@ -313,13 +312,13 @@ class QuaternionRotations(Rotations):
             dials.append(Dial(f"heading {degrees}°", inside, rotations, () if degrees else marks))
         return dials
 
-    def compiled(self, slice_of: Ints) -> QuaternionCells:
+    def _compile(self, slice_of: Ints) -> QuaternionCells:
         """Return the record for compiled look-ups."""
         return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:
         """Return the number of cells in words."""
-        return f"{self.count} rotations in space"
+        return f"{len(self)} rotations in space"
 
 
 class _Chart(NamedTuple):
@@ -443,7 +442,7 @@ class QuaternionCells(NamedTuple):
         """Return True if the coordinates of a rotation are finite and exact enough."""
         return is_unit(q[-4:])
 
-    def states_at(self, q: Numbers) -> int:
+    def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""
         chart, i, j, k = find_parts(self.borders, q[-4:])
         return int(self.slice_of[cell_index(self.borders, chart, i, j, k)])

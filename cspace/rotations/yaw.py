@@ -55,9 +55,9 @@ class YawRotations(Rotations):
     borders: tuple[float, ...]
     names = ("yaw",)
     units = ("rad",)
-    about_z = True
-    examples = ("90deg",)
-    limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
+    _about_z = True
+    _examples = ("90deg",)
+    _limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "yaw": Coordinate("middle of a rotation cell, in [-pi, pi)", "rad", bounds="yaw_bounds"),
         "yaw_bounds": Coordinate("borders of a rotation cell, ascending over one turn", "rad", {"bound": 2}),
@@ -65,7 +65,7 @@ class YawRotations(Rotations):
     }
 
     @classmethod
-    def of_value(cls, value: ArrayLike | None) -> YawRotations:
+    def _of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
             hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
@@ -100,25 +100,25 @@ class YawRotations(Rotations):
         return cls((*borders, borders[0] + TWO_PI))
 
     @classmethod
-    def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
+    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
         """Make cells from their bounds."""
         bounds = coordinates["yaw_bounds"]
-        return cls.of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
+        return cls._of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
-    def text(self, rotation: Floats) -> str:
+    def _format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         angle = (round(math.degrees(rotation[0]), 1) + 180.0) % 360.0 - 180.0
         return f"yaw {round(angle, 1) + 0.0:g}°"  # no minus sign before zero
 
-    def of_matrix(self, matrix: Floats) -> Floats:
+    def _from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
         return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
-    def heading(self, q: Floats) -> float | None:
+    def _yaw_of(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians."""
         return float(q[-1])
 
-    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle."""
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
         wrapped_yaw = math.remainder(yaw, TWO_PI)
@@ -144,13 +144,12 @@ class YawRotations(Rotations):
         matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = cos, -sin, sin, cos
         return matrices
 
-    @property
-    def count(self) -> int:
-        """Number of cells."""
+    def __len__(self) -> int:
+        """Return the number of cells."""
         return len(self.borders) - 1
 
     @property
-    def representatives(self) -> Floats:
+    def _yaws(self) -> Floats:
         """Center of each cell, in [-pi, pi), shape (n,)."""
         edges = np.asarray(self.borders)
         return wrapped((edges[:-1] + edges[1:]) / 2)
@@ -160,12 +159,12 @@ class YawRotations(Rotations):
         """Half the width of each cell, with rounding, shape (n,)."""
         return np.asarray(np.diff(self.borders) / 2 + ANGLE_SLACK)
 
-    def is_uniform(self) -> bool:
+    def _is_uniform(self) -> bool:
         """Return True if all cells have one width up to rounding.
 
         Then no boundary is off by more than ANGLE_SLACK / 8.
         """
-        return bool(np.ptp(np.diff(self.borders)) < ANGLE_SLACK / (8.0 * self.count))
+        return bool(np.ptp(np.diff(self.borders)) < ANGLE_SLACK / (8.0 * len(self)))
 
     def cell_of(self, yaw: ArrayLike) -> Ints:
         """Return the cells that contain yaw angles, radians, of any shape.
@@ -179,36 +178,36 @@ class YawRotations(Rotations):
             raise InputError("yaw", f"is {largest:g} rad", rule, "wrap it first", value=largest)
         # The same formula as in compiled look-ups, to the last bit; a yaw within the boundaries is unchanged.
         wrapped = angles - np.floor((angles - self.borders[0]) / TWO_PI) * TWO_PI
-        return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)
+        return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, len(self) - 1).astype(np.int64)
 
-    def cells_of(self, q: Floats) -> Ints:
+    def _cells_of(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -1])
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def _preserve(self, shape: Symmetric) -> bool:
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def fewer(self, clip_parameters: float) -> str:
+    def _argument_for_fewer(self, clip_parameters: float) -> str:
         """Return the argument for at most a fraction of the cells."""
-        return f"rotations={int(clip_parameters * self.count)}" if clip_parameters * self.count >= 1 else ""
+        return f"rotations={int(clip_parameters * len(self))}" if clip_parameters * len(self) >= 1 else ""
 
-    def slices_for(self, shape: Symmetric) -> Ints:
+    def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells a symmetry apart share a slice if all cells have one width.
         """
-        cells = np.arange(self.count, dtype=np.int64)
+        cells = np.arange(len(self), dtype=np.int64)
         if shape.symmetry == 0:
             return np.zeros_like(cells)
-        if self.count % shape.symmetry == 0 and self.is_uniform():
-            return cells % (self.count // shape.symmetry)
+        if len(self) % shape.symmetry == 0 and self._is_uniform():
+            return cells % (len(self) // shape.symmetry)
         return cells
 
-    def turns(self, dim: int) -> list[RotationCell]:
+    def _shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form for shapes: rotations about the z axis."""
         cells = []
-        for yaw, angle in zip(self.representatives.tolist(), self.covering_angles.tolist(), strict=True):
+        for yaw, angle in zip(self._yaws.tolist(), self.covering_angles.tolist(), strict=True):
             matrix = np.eye(dim)
             matrix[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
             cells.append(RotationCell(matrix, angle, about_z=True))
@@ -217,30 +216,30 @@ class YawRotations(Rotations):
     @property
     def centers(self) -> Floats:
         """Center of each cell, in [-pi, pi), shape (n, 1)."""
-        return self.representatives[:, None]
+        return self._yaws[:, None]
 
     @property
-    def coordinates(self) -> dict[str, Floats]:
+    def _coordinates(self) -> dict[str, Floats]:
         """Center and boundaries of each cell, and its covering angle, radians."""
         bounds = np.stack([self.borders[:-1], self.borders[1:]], axis=1)
-        return dict(zip(self.COORDINATES, (self.representatives, bounds, self.covering_angles), strict=True))
+        return dict(zip(self.COORDINATES, (self._yaws, bounds, self.covering_angles), strict=True))
 
     @property
-    def volumes(self) -> Floats:
+    def _volumes(self) -> Floats:
         """Width of each cell, radians."""
         return np.diff(self.borders)
 
-    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a yaw uniformly from each cell, in [-pi, pi)."""
         within = rng.uniform(margin, 1.0 - margin, len(cells))
-        return wrapped(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
+        return wrapped(np.asarray(self.borders)[cells] + self._volumes[cells] * within)[:, None]
 
-    def distances(self, q: Floats) -> Floats:
+    def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
-        return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TWO_PI - np.pi))
+        return np.asarray(np.abs((self._yaws - q[..., -1:] + np.pi) % TWO_PI - np.pi))
 
-    def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Return all cells within an angle of each configuration; see :meth:`Rotations.cells_within`.
+    def _cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+        """Return all cells within an angle of each configuration; see ``Rotations._cells_within``.
 
         Only the boundaries are searched.
         """
@@ -248,25 +247,25 @@ class YawRotations(Rotations):
         limits = q[:, -1] + np.stack([-reach, reach])
         revolutions = np.floor((limits - self.borders[0]) / TWO_PI)
         within = np.searchsorted(self.borders, limits - revolutions * TWO_PI, side="right") - 1
-        low, high = (revolutions * self.count + np.clip(within, 0, self.count - 1)).astype(np.int64)
-        counts = np.minimum(high - low + 1, self.count)
+        low, high = (revolutions * len(self) + np.clip(within, 0, len(self) - 1)).astype(np.int64)
+        counts = np.minimum(high - low + 1, len(self))
         rows = np.repeat(np.arange(len(q)), counts)
         steps = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-        return rows, (low[rows] + steps) % self.count
+        return rows, (low[rows] + steps) % len(self)
 
     @property
-    def neighbors(self) -> Ints:
+    def _neighbors(self) -> Ints:
         """Cells before and after each cell, in a ring."""
-        steps = [[], [1], [-1, 1]][min(self.count - 1, 2)]
-        return (np.arange(self.count)[:, None] + np.array(steps, dtype=np.int64)) % self.count
+        steps = [[], [1], [-1, 1]][min(len(self) - 1, 2)]
+        return (np.arange(len(self))[:, None] + np.array(steps, dtype=np.int64)) % len(self)
 
-    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the quarter turns and mirrors that map centers to centers.
 
         They are about z and along it.
         """
-        if not self.is_uniform():
-            return Rotations.images(self, shape)
+        if not self._is_uniform():
+            return Rotations._images(self, shape)
         images: list[tuple[Floats, Ints]] = []
         for mirror in (1.0, -1.0):
             for symmetry in shape.symmetries:
@@ -280,20 +279,20 @@ class YawRotations(Rotations):
             matrices[:, :2, :2] = _QUARTER_MATRICES * (1.0, mirror)
             angles = np.arctan2(*(matrices[:, 1::-1, :2] @ symmetry[:2, 0]).T)
             # A mirror and a rotation commute if the rotation changes sign.
-            yaws = mirror * self.representatives + angles[:, None]
+            yaws = mirror * self._yaws + angles[:, None]
             cells = self.cell_of(yaws)
-            errors = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
+            errors = np.abs(np.sin((yaws - self._yaws[cells]) / 2.0)).max(axis=1)
             images += [(matrices[k], cells[k]) for k in np.flatnonzero(errors < ANGLE_SLACK / 8.0)]
         return images
 
-    def dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return a ring of yaws, counterclockwise from the x axis."""
         inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= DIAL_INNER_RADIUS)
         marks = [(f"{k * 45}°", k * np.pi / 4.0) for k in range(8)]
         around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
         return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_OFFSETS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
-    def compiled(self, slice_of: Ints) -> YawCells:
+    def _compile(self, slice_of: Ints) -> YawCells:
         """Return the record for compiled look-ups."""
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
 
@@ -316,7 +315,7 @@ class YawCells(NamedTuple):
         """Return True if the coordinates of a rotation are finite and exact enough."""
         return abs(q[-1]) <= MAX_ANGLE  # False for NaN
 
-    def states_at(self, q: Numbers) -> int:
+    def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""
         return int(self.slice_of[find_cell(self.borders, wrap_to_cells(self.borders, q[-1]))])
 

@@ -525,7 +525,7 @@ class OverlapField:
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
         arrays = {name: np.empty(shape) for name in FIELD_NAMES[:count]}
-        turns = space.rotations.turns(grid.dim)
+        turns = space.rotations._shape_cells(grid.dim)
         for number in range(shape[0]):
             matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
             rotated = overlap if matrix is None else overlap.rotated(matrix)
@@ -587,14 +587,14 @@ class OverlapField:
 
 def _shape(space: Space) -> tuple[int, ...]:
     """Return the shape of a field of the map."""
-    return (*space.rotations.leading(space._kernel_map.states.shape[0]), *space.grid.shape)
+    return (*space.rotations._leading_axes(space._kernel_map.states.shape[0]), *space.grid.shape)
 
 
 @kernel
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     """Interpolate a field linearly between cell centers, at a configuration."""
     dim = len(map_.lower)
-    cell, shares = replaced(map_.states.shape, 0, map_.rotations.states_at(q)), map_.lower
+    cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
     for axis in range(dim):
         n = map_.states.shape[axis + 1]
         place = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), n - 1.0)

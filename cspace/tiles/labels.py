@@ -53,7 +53,7 @@ class TileComponents:
         self.shape = tuple(part.stop - part.start for part in self.cells)
         closed = np.zeros(store.slices, dtype=np.bool_)
         states = read_only_of(store.states_in(self.cells))
-        self.components = Components(states, store.slice_of, store.rotations.neighbors, closed)
+        self.components = Components(states, store.slice_of, store.rotations._neighbors, closed)
 
     def roots(self) -> tuple[Ints, Ints]:
         """Return the components of both kinds of the cells on all faces; -1 for a cell without one.
@@ -172,7 +172,7 @@ class TiledLabels:
         exterior = self.offsets[OPEN_KIND][-1]
         pairs[OPEN_KIND] += [np.add(touching, (0, exterior)) for touching in exterior_pairs]
         if len(rotations) > 1:
-            neighbors = store.rotations.neighbors
+            neighbors = store.rotations._neighbors
             one, other = np.nonzero(neighbors >= 0)[0], neighbors[neighbors >= 0].astype(np.int64)
             both = self._open[one] & self._open[other]
             pairs[OPEN_KIND].append(exterior + _unique_pairs(one[both], other[both]))

@@ -163,7 +163,7 @@ def test_no_cell_is_cheaper_than_in_nav2(spaces):
 def test_costs_use_the_best_rotation_by_default(spaces):
     space = spaces["car"]
     best = np.array(space.to_costmap().data)
-    each = [np.array(space.to_costmap(rotation=yaw).data) for yaw in space.rotations.representatives]
+    each = [np.array(space.to_costmap(rotation=yaw).data) for yaw in space.rotations.centers[:, 0]]
     assert (best == np.min(each, axis=0)).all()
     assert (each[0] != each[1]).any()
 

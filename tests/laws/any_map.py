@@ -120,7 +120,7 @@ def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
     grid = Grid(np.where(periodic, -np.pi, -1.0), 2.0 * np.pi / count, shape, names)
     workspace = Workspace(grid, states != cspace.FREE, states == cspace.BLOCKED)
     robot, rotations = Robot("arm", Point.at_origin(len(shape))), Rotations.of(None)
-    slices = rotations.slices_for(robot.shape)
+    slices = rotations._slices_for(robot.shape)
     memory = cspace.CSpace(
         Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), periodic_axes=periodic)
     )

@@ -81,7 +81,7 @@ def test_states_and_clearances_of_many_are_those_of_each(make, seed, outside, nu
     assert space.clearance(q)[chosen[:100]].tolist() == [space.clearance(one) for one in q[chosen[:100]]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
-    slices = space._kernel_map.slice_of[space.rotations.cells_of(q[inside])]
+    slices = space._kernel_map.slice_of[space.rotations._cells_of(q[inside])]
     assert (space.classify(q)[inside] == space._kernel_map.states[(slices, *cells.T)]).all()
 
 
@@ -150,7 +150,7 @@ def test_the_first_bad_number_is_named(make, dtype, value):
 def test_rotation_cells_of_many_yaws(rotations, seed):
     rng = np.random.default_rng(seed)
     cells = Rotations.of(rotations)
-    states = (np.arange(cells.count) % 3).astype(np.uint8)
+    states = (np.arange(len(cells)) % 3).astype(np.uint8)
     space = map_of(np.tile(states[:, None, None], (1, 2, 2)), rotations)
     borders = np.asarray(cells.borders)
     yaws = np.concatenate([rng.uniform(-9, 9, 500), borders, borders - 2 * np.pi, np.nextafter(borders, -9)])

@@ -15,7 +15,7 @@ from strategies import seeds
 
 
 def chain_on(space, start, goal, closed=None):
-    return open_chain(space._grid_kernel_map, space.rotations.neighbors, np.array(start), np.array(goal), closed)
+    return open_chain(space._grid_kernel_map, space.rotations._neighbors, np.array(start), np.array(goal), closed)
 
 
 def fewest_mixed(states, closed, start, goal, kind):

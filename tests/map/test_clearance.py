@@ -54,7 +54,7 @@ def test_distances_to_cells_are_exact(kind, data, seed):
     q = handmade.configurations(space, q)
     q[::5, :dim] = np.rint(q[::5, :dim])  # on borders of cells
     handmade.configurations(space, q)
-    slices = space.rotations.cells_of(q)
+    slices = space.rotations._cells_of(q)
     expected = distances_of(states, q[:, :dim], slices)
     expected[space.classify(q) != FREE] = 0.0
     np.testing.assert_allclose(space.clearance(q), expected, rtol=1e-9, atol=1e-6)

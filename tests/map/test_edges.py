@@ -197,7 +197,7 @@ ROOMS = st.sampled_from([(SIDE, SIDE), (2, 2, 2)])
 
 def free_but(closed, rotations, shape=(SIDE, SIDE)):
     """A map in which all is FREE but some cells, given by numbers that are taken modulo the count of each axis."""
-    state = np.full((Rotations.of(rotations).count, *shape), FREE, dtype=np.uint8)
+    state = np.full((len(Rotations.of(rotations)), *shape), FREE, dtype=np.uint8)
     for cell in closed:
         state[tuple(c % n for c, n in zip(cell, state.shape, strict=False))] = MIXED
     return map_of(state, rotations, spacing=H)

@@ -49,9 +49,9 @@ def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
             assert (path[0] == q0).all() and (path[-1] == [*q1[: space.grid.dim], *turn[space.grid.dim :]]).all()
             assert not still or (path[:, space.grid.dim :] == q0[space.grid.dim :]).all()
             assert space.motion_is_free(path[:-1], path[1:]).all()
-            steps = space.rotations.steps(path[:-1], path[1:])
+            steps = space.rotations._steps_between(path[:-1], path[1:])
             for share in np.linspace(0.0, 1.0, 50):
-                assert space.is_free(space.rotations.moved(path[:-1], share * steps)).all()
+                assert space.is_free(space.rotations._add_steps(path[:-1], share * steps)).all()
     rough, smooth = space.find_path(q0, q1, straight=False), space.find_path(q0, q1)
     if still:
         assert length(smooth[:, : space.grid.dim]) <= length(rough[:, : space.grid.dim]) * (1 + 1e-12)
@@ -143,7 +143,7 @@ def test_a_search_gives_up_in_time(name):
 )
 def test_a_rotation_stays_one_in_other_numbers(rotations, first, last):
     """Waypoints lie on long edges, and none of them is turned."""
-    states = np.zeros((rotations if rotations == 4 else rotations.count, 30, 5, 5))
+    states = np.zeros((rotations if rotations == 4 else len(rotations), 30, 5, 5))
     states[:, 12:15, :4] = MIXED  # round a corner
     space = map_of(states, rotations, spacing=0.25)
     assert space.is_connected([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])

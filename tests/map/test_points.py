@@ -304,7 +304,7 @@ def test_a_box_is_free_where_all_cells_that_meet_it_are(rotations, end, distance
 
 def test_boxes_that_begin_on_a_border_far_off():
     space = map_of(np.where(np.arange(63) == 40, MIXED, FREE)[:, None, None] * np.ones((1, 3, 3)), 63)
-    borders, closed = np.asarray(space.rotations.borders), space.rotations.representatives[40]
+    borders, closed = np.asarray(space.rotations.borders), space.rotations.centers[:, 0][40]
     angle = 1.0
     for wraps in (2, 10, 1000):
         yaw = borders + wraps * TWO_PI + angle + ANGLE_SLACK

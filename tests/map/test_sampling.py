@@ -38,7 +38,7 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert space.is_free(samples).all()
     place = space.grid.cell_of(samples[:, :dim])
     within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - place
-    turn, widths = space.rotations.cells_of(samples), space.rotations.volumes
+    turn, widths = space.rotations._cells_of(samples), space.rotations._volumes
     if len(space.rotations.names) == 1:
         above = samples[:, dim] - np.asarray(space.rotations.borders)[turn]
         within = np.column_stack([within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[turn]])
@@ -88,7 +88,7 @@ def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,))
     if "turning" in kind and "any way" not in kind:
-        states = np.resize(states, (Rotations.of(rotations).count, *states.shape[1:]))
+        states = np.resize(states, (len(Rotations.of(rotations)), *states.shape[1:]))
     states[tuple(rng.integers(0, states.shape))] = FREE
     space = handmade.made(states, kind, spacing=spacing, rotations=rotations)
     free, dim = handmade.middles(space, np.argwhere(states == FREE)), space.grid.dim

@@ -30,9 +30,9 @@ def rotation(yaw):
 def test_permuted_quarter_turns_equal_fresh_rasters(robot, count, margin):
     cells = Rotations.of(count)
     made = slice_rasters(robot, 0.17, margin, cells)
-    turns = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)
+    turns = zip(cells.centers[:, 0].tolist(), cells.covering_angles.tolist(), strict=True)
     for pair, (yaw, covering_angle) in zip(made, turns, strict=False):
-        fresh = robot.rasters(0.17, margin, RotationCell(rotation(yaw), covering_angle, about_z=True))
+        fresh = robot._rasters(0.17, margin, RotationCell(rotation(yaw), covering_angle, about_z=True))
         assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 
@@ -55,9 +55,9 @@ L_SHAPE = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
 def test_what_turns_and_mirrors_of_the_world_make_are_fresh_rasters(robot, rotations, fresh):
     """Of a box, 16 cells need one raster; a cube's quarter turns, and mirrors of what has two like sides, add to it."""
     assert len(raster_tasks(robot, 0.17, 0.02, rotations)) == fresh
-    made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations.turns(robot.dim)
-    for number, cell in zip(*np.unique(rotations.slices_for(robot.shape), return_index=True), strict=True):
-        own = robot.rasters(0.17, 0.02, turns[cell])
+    made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations._shape_cells(robot.dim)
+    for number, cell in zip(*np.unique(rotations._slices_for(robot.shape), return_index=True), strict=True):
+        own = robot._rasters(0.17, 0.02, turns[cell])
         for one, other in zip(made[number], own, strict=True):
             # Pieces of the border that are as long along two of their sides may be cut across either.
             assert len(oracles.raster_offsets(one) ^ oracles.raster_offsets(other)) <= 0.02 * one.count
@@ -89,7 +89,7 @@ def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypat
     robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
     shared = cspace.build(workspace, robot, rotations=turns, counts=True)
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
-    monkeypatch.setattr(type(turns), "images", Rotations.images)
+    monkeypatch.setattr(type(turns), "_images", Rotations._images)
     alone = cspace.build(workspace, robot, rotations=turns, counts=True)
     assert (len(shared._kernel_map.states), len(alone._kernel_map.states)) == (8, 32)
     assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
@@ -119,5 +119,5 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
 def test_unequal_cells_share_nothing_but_a_discs():
     borders = [0.0, 1.0, math.pi, math.pi + 1.0, TWO_PI]
     cells = Rotations.of(borders)
-    assert cells.slices_for(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
-    assert cells.slices_for(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]
+    assert cells._slices_for(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
+    assert cells._slices_for(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]

@@ -92,8 +92,8 @@ def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch,
     inside = q[one.is_free(q) & one.grid.contains(q[:, :2])]
     np.testing.assert_array_equal(one.reachable_bounds(inside[0]), two.reachable_bounds(inside[0]))
     np.testing.assert_array_equal(one.nearest_free(q[0]), two.nearest_free(q[0]))
-    cells = np.column_stack([one.rotations.cells_of(inside[:2]), one.grid.cell_of(inside[:2, :2])])
-    chains = [open_chain(space._grid_kernel_map, space.rotations.neighbors, *cells) for space in (one, two)]
+    cells = np.column_stack([one.rotations._cells_of(inside[:2]), one.grid.cell_of(inside[:2, :2])])
+    chains = [open_chain(space._grid_kernel_map, space.rotations._neighbors, *cells) for space in (one, two)]
     np.testing.assert_array_equal(*chains)
     two.save(tmp_path / "map.zarr")
     assert cspace.open(tmp_path / "map.zarr").to_xarray().identical(one.to_xarray())
@@ -107,7 +107,7 @@ def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch,
 def test_samples_are_uniform_over_the_free_cells(monkeypatch):
     _, two = both("SE(2)", monkeypatch)
     samples = two.sample_free(20_000, np.random.default_rng(0))
-    drawn = np.column_stack([two.rotations.cells_of(samples[:, 2:]), two.grid.cell_of(samples[:, :2])])
+    drawn = np.column_stack([two.rotations._cells_of(samples[:, 2:]), two.grid.cell_of(samples[:, :2])])
     numbers, times = np.unique(drawn, axis=0, return_counts=True)
     assert len(numbers) > 0.9 * two.count()[0]
     assert times.max() < 8.0 * times.mean()

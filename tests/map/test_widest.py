@@ -49,12 +49,12 @@ def cell_centers(space: CSpace) -> np.ndarray:
     places = grid.center_of(np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1))
     places = places.reshape(-1, grid.dim)
     turns = np.repeat(space.rotations.centers, len(places), axis=0)
-    return np.column_stack([np.tile(places, (space.rotations.count, 1)), turns])
+    return np.column_stack([np.tile(places, (len(space.rotations), 1)), turns])
 
 
 def link_wide_cells(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
     """Return the graph of wide cells, linked by moves, with lengths."""
-    turns, size = space.rotations.count, math.prod(space.grid.shape)
+    turns, size = len(space.rotations), math.prod(space.grid.shape)
     straight = [False] * space.grid.dim
     parts = [link_cells(part, straight, corners) for part in wide.reshape(turns, *space.grid.shape)]
     within = [(first + k * size, last + k * size, 0.5 * metres) for k, (first, last, metres) in enumerate(parts)]
@@ -92,7 +92,7 @@ def compute_length(space: CSpace, path: np.ndarray) -> float:
 def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = random_map(name, rng)
-    points, cells = cell_centers(space), list(np.ndindex(space.rotations.count, *space.grid.shape))
+    points, cells = cell_centers(space), list(np.ndindex(len(space.rotations), *space.grid.shape))
     kept = make_widest(space)
     clearances = np.asarray(space.clearance(points))
     levels = kept.levels[kept.slice_of].ravel()
@@ -101,7 +101,7 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
     if not len(free):
         return
     outside = np.zeros(len(kept.levels), dtype=bool)
-    join = partial(Components, slice_of=kept.slice_of, neighbors=space.rotations.neighbors, exterior_open=outside)
+    join = partial(Components, slice_of=kept.slice_of, neighbors=space.rotations._neighbors, exterior_open=outside)
     for start, goal in rng.choice(free, (2, 2)):
         best = find_bottleneck(space, start, goal)
         ends = np.array(cells[start]), np.array(cells[goal])
@@ -122,7 +122,7 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         assert compute_length(space, pulled) <= compute_length(space, path) + 1e-9
         shares = np.linspace(0.0, 1.0, 30)[:, None]
         parts = [
-            space.rotations.moved(np.repeat(a[None], 30, axis=0), shares * space.rotations.steps(a, b))
+            space.rotations._add_steps(np.repeat(a[None], 30, axis=0), shares * space.rotations._steps_between(a, b))
             for a, b in itertools.pairwise(pulled)
         ]
         along = np.concatenate([*parts, pulled])
@@ -163,7 +163,7 @@ def test_widest_path_takes_the_wide_passage(name: str) -> None:
     space = room(name)
     path = space.find_widest_path(*ENDPOINTS[name])
     assert len(path) > 2 and space.certify_path(path).all()
-    assert np.array_equal(path[[0, -1]], space.rotations.canonical(np.array(ENDPOINTS[name])))
+    assert np.array_equal(path[[0, -1]], space.rotations._make_canonical(np.array(ENDPOINTS[name])))
     assert np.array_equal(path, space.find_widest_path(*ENDPOINTS[name]))
     back = space.find_widest_path(*ENDPOINTS[name][::-1], straight=False)
     there = space.find_widest_path(*ENDPOINTS[name], straight=False)

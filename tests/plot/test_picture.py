@@ -34,7 +34,7 @@ def test_each_pixel_shows_the_state_of_its_cell(flat: CSpace, turning: CSpace, y
     """The picture shows one slice, or all; the map is queried configuration by configuration."""
     shown = flat if yaw == "none" else turning
     ax = plot(shown, rotation=None if yaw == "none" else yaw)
-    yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.representatives]
+    yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.centers[:, 0]]
     cells = np.random.default_rng(2).integers(0, shown.grid.shape, (400, 2))
     assert len(check_cells(shown, ax, rendered(ax), cells, yaws)) == (5 if yaw is None else 4)
 

@@ -43,7 +43,7 @@ def turned(name: str, q: np.ndarray) -> Rotation:
 def test_matrices_are_those_of_scipy(name: str) -> None:
     _, dim = SPACES[name]
     q = drawn(name, 3, 5)
-    made = kind_of(name).matrices(q)
+    made = kind_of(name)._rotation_matrices(q)
     assert made.shape == (3, 5, dim, dim)
     np.testing.assert_allclose(made.reshape(-1, dim, dim), turned(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
 
@@ -52,35 +52,35 @@ def test_matrices_are_those_of_scipy(name: str) -> None:
 def test_a_step_leads_from_one_to_the_other_the_shorter_way(name: str) -> None:
     kind, (_, dim) = kind_of(name), SPACES[name]
     q0, q1 = drawn(name, 40), drawn(name, 40)
-    steps = kind.steps(q0, q1)
+    steps = kind._steps_between(q0, q1)
     np.testing.assert_allclose(steps[:, :dim], q1[:, :dim] - q0[:, :dim])
     angles = (turned(name, q0).inv() * turned(name, q1)).magnitude()
     np.testing.assert_allclose(np.linalg.norm(steps[:, dim:], axis=1), angles, atol=1e-9)
     for share in (0.0, 0.3, 1.0):
-        there = kind.moved(q0, share * steps)
+        there = kind._add_steps(q0, share * steps)
         np.testing.assert_allclose(there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12)
         # The rotation is even: a share of the angle from one end, and the rest from the other.
         for end, part in ((q0, share), (q1, 1.0 - share)):
             apart = (turned(name, end).inv() * turned(name, there)).magnitude()
             np.testing.assert_allclose(apart, part * angles, atol=1e-7)
-    assert kind.steps(q0[:0], q1[:0]).shape == (0, steps.shape[1])
+    assert kind._steps_between(q0[:0], q1[:0]).shape == (0, steps.shape[1])
 
 
 def test_steps_of_half_a_turn_and_none_are_exact() -> None:
     kind, still = QUATERNION, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    assert not kind.steps(still, -still).any() and not kind.steps(still, still).any()
-    half = kind.steps(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
+    assert not kind._steps_between(still, -still).any() and not kind._steps_between(still, still).any()
+    half = kind._steps_between(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
     np.testing.assert_allclose(np.abs(half), [0.0, 0.0, 0.0, 0.0, 0.6 * math.pi, 0.8 * math.pi])
-    tiny = kind.moved(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
-    np.testing.assert_allclose(kind.steps(still, tiny)[3], 1e-12)
+    tiny = kind._add_steps(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
+    np.testing.assert_allclose(kind._steps_between(still, tiny)[3], 1e-12)
 
 
 @EVERY
 def test_canonical_numbers_are_the_same_rotation_and_stay_as_they_are(name: str) -> None:
     kind, (_, dim) = kind_of(name), SPACES[name]
     q = drawn(name, 50)
-    made = kind.canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
-    assert np.array_equal(kind.canonical(made), made) and np.array_equal(made[:, :dim], q[:, :dim])
+    made = kind._make_canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
+    assert np.array_equal(kind._make_canonical(made), made) and np.array_equal(made[:, :dim], q[:, :dim])
     assert ((turned(name, q).inv() * turned(name, made)).magnitude() < 1e-9).all()
     if name == "SE(3)":
         np.testing.assert_allclose(np.linalg.norm(made[:, 3:], axis=1), 1.0, atol=4e-16)
@@ -89,11 +89,11 @@ def test_canonical_numbers_are_the_same_rotation_and_stay_as_they_are(name: str)
 @EVERY
 def test_rotations_sampled_near_a_rotation_are_near_it(name: str) -> None:
     kind, (_, dim) = kind_of(name), SPACES[name]
-    q, numbers = kind.canonical(drawn(name, 30)), iter(RNG.random(400).tolist())
-    near = np.array([[*row[:dim], *kind.sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q])
-    apart = np.linalg.norm(kind.steps(q, near)[:, dim:], axis=1)
+    q, numbers = kind._make_canonical(drawn(name, 30)), iter(RNG.random(400).tolist())
+    near = np.array([[*row[:dim], *kind._sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q])
+    apart = np.linalg.norm(kind._steps_between(q, near)[:, dim:], axis=1)
     assert (apart <= 0.4 + 1e-12).all() and (not kind.names or apart.max() > 0.2)
-    np.testing.assert_allclose(kind.canonical(near), near, atol=1e-15)
+    np.testing.assert_allclose(kind._make_canonical(near), near, atol=1e-15)
 
 
 def test_wrapped_yaws_are_unchanged_and_others_are_wrapped() -> None:
@@ -106,11 +106,19 @@ def test_wrapped_yaws_are_unchanged_and_others_are_wrapped() -> None:
 
 
 def test_texts_describe_rotations() -> None:
-    assert NONE.text(np.empty(0)) == ""
-    assert [YAW.text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw -180°", "yaw -130.8°"]
+    assert NONE._format_rotation(np.empty(0)) == ""
+    assert [YAW._format_rotation(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == [
+        "yaw 0°",
+        "yaw -180°",
+        "yaw -130.8°",
+    ]
     about_z = [0.0, 0.0, math.sin(0.1), math.cos(0.1)]
-    assert QUATERNION.text(np.array(about_z)) == QUATERNION.text(-np.array(about_z)) == "turned 11.5° about (0, 0, 1)"
-    assert QUATERNION.text(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
+    assert (
+        QUATERNION._format_rotation(np.array(about_z))
+        == QUATERNION._format_rotation(-np.array(about_z))
+        == "turned 11.5° about (0, 0, 1)"
+    )
+    assert QUATERNION._format_rotation(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
 
 
 @refusals(
@@ -125,14 +133,14 @@ def test_texts_describe_rotations() -> None:
 )
 def test_values_other_than_rotations_are_refused(kind: Rotations, rotation: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        kind.checked(rotation)
+        kind._check_rotation(rotation)
 
 
 def test_the_step_between_equal_quaternions_is_zero() -> None:
     """The step is exactly zero, for quaternions of either sign."""
     q = drawn("SE(3)", 500)
     for sign in (1.0, -1.0):
-        assert not kind_of("SE(3)").steps(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()
+        assert not kind_of("SE(3)")._steps_between(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()
 
 
 @pytest.mark.parametrize("cells", [Rotations.of(None), Rotations.of(360), Rotations.quaternions(4)])

@@ -40,9 +40,9 @@ class PitchRotations(YawRotations):
     """Rotation cells of pitch, in space."""
 
     names = ("pitch",)
-    examples = ("45deg",)
-    limits = "a pitch small enough"
-    about_z = False
+    _examples = ("45deg",)
+    _limits = "a pitch small enough"
+    _about_z = False
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "pitch": Coordinate("middle of a cell", "rad", bounds="pitch_bounds"),
         "pitch_bounds": Coordinate("borders of a cell", "rad", {"bound": 2}),
@@ -50,25 +50,25 @@ class PitchRotations(YawRotations):
     }
 
     @classmethod
-    def of_coordinates(cls, coordinates: Mapping[str, Any]) -> "PitchRotations":
-        return super().of_coordinates({"yaw_bounds": coordinates["pitch_bounds"]})
+    def _of_coordinates(cls, coordinates: Mapping[str, Any]) -> "PitchRotations":
+        return super()._of_coordinates({"yaw_bounds": coordinates["pitch_bounds"]})
 
-    def heading(self, q: Floats) -> None:
+    def _yaw_of(self, q: Floats) -> None:
         return None
 
-    def of_matrix(self, matrix: Floats) -> Floats:
+    def _from_matrix(self, matrix: Floats) -> Floats:
         return np.arctan2(matrix[0, 2:], matrix[0, :1])
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def _preserve(self, shape: Symmetric) -> bool:
         return shape.is_round
 
-    def slices_for(self, shape: Symmetric) -> Ints:
-        return np.zeros(self.count, np.int64) if shape.is_round else np.arange(self.count)
+    def _slices_for(self, shape: Symmetric) -> Ints:
+        return np.zeros(len(self), np.int64) if shape.is_round else np.arange(len(self))
 
-    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        return Rotations.images(self, shape)
+    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+        return Rotations._images(self, shape)
 
-    def turns(self, dim: int) -> list[RotationCell]:
+    def _shape_cells(self, dim: int) -> list[RotationCell]:
         return [
             RotationCell(matrix, angle)
             for matrix, angle in zip(self._matrices(self.centers, dim), self.covering_angles.tolist(), strict=True)
@@ -78,8 +78,8 @@ class PitchRotations(YawRotations):
         made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()
         return made.reshape(*rotation.shape[:-1], 3, 3)
 
-    def compiled(self, slice_of: Ints) -> PitchCells:
-        return PitchCells(*super().compiled(slice_of))
+    def _compile(self, slice_of: Ints) -> PitchCells:
+        return PitchCells(*super()._compile(slice_of))
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def space() -> Iterator[CSpace]:
         patch.setitem(Rotations.KINDS, "pitch", PitchRotations)
         workspace = cspace.Workspace.from_array(occupied, 0.1)
         robot = cspace.Robot.box((0.5, 0.12, 0.06))
-        yield cspace.build(workspace, robot, rotations=PitchRotations.of_value(COUNT))
+        yield cspace.build(workspace, robot, rotations=PitchRotations._of_value(COUNT))
 
 
 def drawn(space: CSpace, n: int) -> Floats:
@@ -157,7 +157,7 @@ def test_clearance_is_a_lower_bound(space: CSpace) -> None:
 
 
 def test_paths_exist_between_connected_cells(space: CSpace) -> None:
-    states = np.array([space.states_at(pitch) for pitch in space.rotations.representatives])
+    states = np.array([space.states_at(pitch) for pitch in space.rotations.centers[:, 0]])
     labels = []
     for passable in (states == FREE, states != BLOCKED):
         numbers = np.arange(states.size).reshape(states.shape)
@@ -172,7 +172,7 @@ def test_paths_exist_between_connected_cells(space: CSpace) -> None:
     q = drawn(space, 300)
     q = q[space.is_free(q)]
     cells = np.floor(q[:, :3] / 0.1).astype(int)
-    at = np.ravel_multi_index((space.rotations.cells_of(q), *cells.T), states.shape)
+    at = np.ravel_multi_index((space.rotations._cells_of(q), *cells.T), states.shape)
     for k in range(1, len(q)):
         answers.add(answer := proven_paths(space, q[0], q[k]))
         assert answer is not False or labels[1][at[0]] != labels[1][at[k]]

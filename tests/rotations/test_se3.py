@@ -26,7 +26,7 @@ NAMES = ("classify", "is_free", "clearance", "overlap_count", "contains_robot")
 def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
     """Build a map with random states."""
     cells = Rotations.quaternions(n)
-    states = np.where(rng.random((cells.count, *shape)) < free, FREE, MIXED).astype(np.uint8)
+    states = np.where(rng.random((len(cells), *shape)) < free, FREE, MIXED).astype(np.uint8)
     return map_of(states, cells, ALL_FREE, 1.0), states
 
 
@@ -37,7 +37,7 @@ def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
 def test_compiled_look_ups_return_the_cells_of_the_definition(n):
     """Exact near boundaries, for either sign and any accepted norm."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
-    space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (cells.count, 1, 1, 1)), cells, ALL_FREE, 1.0)
+    space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (len(cells), 1, 1, 1)), cells, ALL_FREE, 1.0)
     q = np.column_stack([rng.random((4000, 3)), draw_quaternions(cells, rng, 4000)])
     expected = space._kernel_map.states[cells.cell_of(q[:, 3:]), 0, 0, 0]
     np.testing.assert_array_equal(space.classify(q), expected)
@@ -161,7 +161,7 @@ def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
 def test_an_edge_passes_every_cell_on_its_way(n):
     """A closed cell on the path is found, however short the path through it is."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
-    states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
+    states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     for _ in range(15):
         a, b = draw_quaternions(cells, rng, 2)
         q0, q1 = np.array([0.5, 0.5, 0.5, *a]), np.array([0.5, 0.5, 0.5, *b])
@@ -185,7 +185,7 @@ def test_positions_and_rotations_advance_together():
         np.array([x, 0.5, 0.5, *Rotation.from_euler("z", yaw).as_quat()]) for x, yaw in ((0.0, 0.0), (8.0, 4 * half))
     ]
     for cell in range(8):
-        states = np.zeros((cells.count, 8, 1, 1), dtype=np.uint8)
+        states = np.zeros((len(cells), 8, 1, 1), dtype=np.uint8)
         first = cells.cell_of(Rotation.from_euler("z", 0.5 * half).as_quat())
         states[first, cell] = MIXED
         there = along(*edge, 4001)
@@ -198,7 +198,7 @@ def test_positions_and_rotations_advance_together():
 def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
     """OMPL treats nearly equal quaternions, of accepted norms, as equal."""
     cells = Rotations.quaternions(1)
-    states = np.zeros((cells.count, 4, 1, 1), dtype=np.uint8)
+    states = np.zeros((len(cells), 4, 1, 1), dtype=np.uint8)
     angles = math.pi / 4 + np.array([-0.5, 0.5]) * angle  # to either side of the boundary at a yaw of 90 degrees
     q0, q1 = (
         np.array([x, 0.5, 0.5, 0.0, 0.0, norm * math.sin(a), norm * math.cos(a)])
@@ -232,7 +232,7 @@ def test_all_rotations_around_a_free_box_are_free(seed, n, angle):
 def test_search_boxes_ignore_the_norm_of_quaternions():
     """The angle at which a closed cell is found is the same for all accepted norms."""
     cells = Rotations.quaternions(8)
-    states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
+    states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     states[cells.cell_of(Rotation.from_rotvec([0.0, 0.0, 1.2]).as_quat())] = MIXED
     space, least = map_of(states, cells, ALL_FREE, 1.0), 3 * math.pi / 8  # the boundary of that cell
     q = [0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0 + 9e-7]
@@ -242,11 +242,11 @@ def test_search_boxes_ignore_the_norm_of_quaternions():
 def test_search_boxes_are_no_larger_than_necessary():
     """Search boxes find one closed cell, but not from twice as far."""
     cells = Rotations.quaternions(8)
-    states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
+    states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     states[100] = MIXED
-    q = np.column_stack([np.full((cells.count, 3), 0.5), cells.centers])
+    q = np.column_stack([np.full((len(cells), 3), 0.5), cells.centers])
     free = map_of(states, cells, ALL_FREE, 1.0).is_free_around(q, 0.0, 0.05)
-    away = cells.distances(q[100])
+    away = cells._angles_to_centers(q[100])
     assert free[away > 2.0 * cells.covering_angles.max() + 0.2].all() and not free[100]
 
 

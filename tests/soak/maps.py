@@ -175,7 +175,7 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     q = centers.copy()
     q[:, :dim] += way
     if space.rotations.names:
-        turn = space.rotations.cells_of(centers)
+        turn = space.rotations._cells_of(centers)
         q[:, dim:] = _in_rotation_cells(space, turn, np.clip(_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))
     wrong, undecided = not_free(case, q)
     tally.add("clearance", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)

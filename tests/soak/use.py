@@ -136,7 +136,7 @@ def looks_while_updated(seconds: float) -> Counter[str]:
     counts: Counter[str] = Counter()
     one, two = maps()
     block, nothing = two.workspace.outer[20:32, 14:23].copy(), one.workspace.outer[20:32, 14:23].copy()
-    yaws = one.rotations.representatives
+    yaws = one.rotations.centers[:, 0]
     centers = np.stack(np.meshgrid(*(one.grid.centers(axis) for axis in (0, 1)), indexing="ij"), axis=-1)
     q = np.concatenate([np.insert(centers, 2, yaw, axis=-1) for yaw in yaws]).reshape(-1, 3)
     never, always = (_each(one, q) != FREE) & (_each(two, q) != FREE), (_each(one, q) == FREE) & (_each(two, q) == FREE)

@@ -75,7 +75,7 @@ def test_field_has_the_overlap_and_its_gradient_at_cell_centers(
         number, *cell = (int(rng.integers(n)) for n in (field.values.size // space.grid.size, *space.grid.shape))
         placed = overlap
         if space.rotations.names:
-            placed = overlap.rotated(float(space.rotations.representatives[number]))
+            placed = overlap.rotated(float(space.rotations.centers[:, 0][number]))
         where = (number, *cell) if space.rotations.names else tuple(cell)
         t = space.grid.center_of(cell)
         assert field.values[where] == pytest.approx(placed.value(t), abs=1e-8 * largest)
@@ -209,7 +209,7 @@ def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
     assert made.clearance(made.nearest_free([0.0] * space.size)) == clearance
-    assert (kind == "shared") == (len(space.rotations.names) and len(space._kernel_map.states) < space.rotations.count)
+    assert (kind == "shared") == (len(space.rotations.names) and len(space._kernel_map.states) < len(space.rotations))
     again = build(made.workspace, made.robot, rotations=made.rotations)
     assert again.overlap_field is None and not set(FIELD_NAMES) & set(again.to_xarray())
 
@@ -363,7 +363,7 @@ def test_field_supports_rotations_in_space() -> None:
     field = OverlapField.of(space, overlap)
     turns = Rotation.random(5, random_state=1)
     q = np.column_stack([np.tile([0.45, 0.45, 0.35], (5, 1)), turns.as_quat()])
-    matrices = [turn.matrix for turn in space.rotations.turns(3)]
+    matrices = [turn.matrix for turn in space.rotations._shape_cells(3)]
     expected = [overlap.rotated(matrices[k]).value(q[0, :3]) for k in space.rotations.cell_of(turns.as_quat())]
     assert field.at(q) == pytest.approx(expected, rel=1e-6) and min(expected) > 0.0
     assert [field.checker()(*row) for row in q.tolist()] == field.at(q).tolist()

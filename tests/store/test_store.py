@@ -401,7 +401,7 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> N
 
 def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
     dataset, dim = space.to_xarray(), space.grid.dim
-    turns = {} if not space.rotations.names else {"rotation": space.rotations.count}
+    turns = {} if not space.rotations.names else {"rotation": len(space.rotations)}
     assert dict(dataset.cell_states.sizes) == turns | dict(zip("xyz", space.grid.shape, strict=False))
     for axis, name in enumerate("xyz"[:dim]):
         np.testing.assert_array_equal(dataset[name], space.grid.centers(axis))
