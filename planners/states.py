@@ -12,16 +12,13 @@ from ompl import base as ob
 from cspace.arrays import Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
-from cspace.rotations.base import shorter
+from cspace.rotations.base import METRES_PER_RADIAN, shorter
 
 Configuration = tuple[float, ...]
 T = TypeVar("T")
 
 WRAP_TOLERANCE: Final = 1e-12
 """Rounding error, in radians, allowed between angles that are equal modulo 2 pi."""
-
-METRES_PER_RADIAN: Final = 0.5
-"""Metres that a radian of rotation counts as in a length, by OMPL's SE(2) and SE(3), and so in R^3 x SO(2)."""
 
 
 @dataclass(frozen=True, slots=True)

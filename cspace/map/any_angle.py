@@ -27,7 +27,7 @@ NODES_PER_STEP: Final = 2**13
 ROUNDING: Final = 1e-9
 """Cells within which the end of a visible interval counts as the corner next to it."""
 
-INITIAL_NODES: Final = 2**10
+INITIAL_CAPACITY: Final = 2**10
 """Nodes for which there is memory at first; it doubles as needed."""
 
 START: Final = 0
@@ -164,7 +164,7 @@ def push_from_corners(cells: Cells, first: int, shape: tuple[int, int], path: Fl
 
 
 def _first_front() -> Front:
-    count = INITIAL_NODES
+    count = INITIAL_CAPACITY
     return Front(
         np.empty((count, 2)),
         np.empty((count, 4), dtype=np.int64),

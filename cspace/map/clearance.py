@@ -61,7 +61,7 @@ NO_CELL: Final = 2**40
 ROWS_SQUARE: Final = ((CENTER_BIT - 1) * BLOCK_SIZE) ** 2
 """Squared distance within which words around the query cell show every cell."""
 
-DISTANCE_ROUNDING: Final = 2.0**-40
+CLEARANCE_ROUNDING: Final = 2.0**-40
 """Relative increase of a distance that must not be below the true one despite rounding."""
 
 
@@ -453,7 +453,7 @@ def near_range(position: float, size: float, first: int, best: float, other: flo
 
     Bounds are widened, so that rounding loses none.
     """
-    reach = math.sqrt(max(best * (1.0 + DISTANCE_ROUNDING) - other, 0.0)) / size + DISTANCE_ROUNDING
+    reach = math.sqrt(max(best * (1.0 + CLEARANCE_ROUNDING) - other, 0.0)) / size + CLEARANCE_ROUNDING
     at = position / size - first
     return int(min(max(at - reach, 0.0), BLOCK_SIZE - 1.0)), int(min(max(at + reach, 0.0), BLOCK_SIZE - 1.0))
 
@@ -522,7 +522,7 @@ def clearances(map_: Map, marks: OccupancyBits, points: Floats, out: Floats) -> 
             square = 0.0
             for axis in range(dim):
                 square += ((q[axis] - last[axis]) / map_.spacing) ** 2
-            upper_bound = (known + 8.0 * SLACK + math.sqrt(square)) * (1.0 + DISTANCE_ROUNDING)
+            upper_bound = (known + 8.0 * SLACK + math.sqrt(square)) * (1.0 + CLEARANCE_ROUNDING)
         known, last = clearance_at(map_, marks, q, upper_bound), q
         out[n] = known * map_.spacing
     return -1

@@ -82,6 +82,7 @@ class Contents:
     layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
+        """Check the arrays; periodic axes replace the rotations."""
         if any(self.periodic_axes):
             object.__setattr__(self, "rotations", Periodic(self.periodic_axes, self.grid.shape))
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)

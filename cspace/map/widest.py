@@ -32,6 +32,7 @@ from cspace.map.periodic import below_half_a_turn
 from cspace.map.search import Graph, check_deadline
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
+from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.threads import cores, in_chunks, in_threads
 
 Levels = NDArray[np.uint16]
@@ -50,9 +51,6 @@ INFINITE_SQUARE: Final = 2**30
 
 BYTES_PER_CELL: Final = 28
 """Bytes of memory per cell: its level, and what searches and components use at a time (measured: 10 to 25)."""
-
-METRES_PER_RADIAN: Final = 0.5
-"""Length that a rotation by one radian adds to a path, as in OMPL's SE(2)."""
 
 MIN_LINES_PER_THREAD: Final = 64
 """Lines of cells below which a second thread costs more than it saves."""

@@ -16,6 +16,9 @@ from cspace.check import check_finite
 from cspace.compiling import compilable
 from cspace.errors import AngleWarning, InputError, warn_user
 
+METRES_PER_RADIAN: Final = 0.5
+"""Length that a rotation by one radian adds to a path, as in OMPL's SE(2) and SE(3)."""
+
 TWO_PI: Final = 2.0 * math.pi
 """A whole turn, in radians."""
 
