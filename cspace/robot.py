@@ -499,7 +499,7 @@ class Robot(NotebookPicture):
         """
         return self.shape.inner.inscribed_radius
 
-    def _rasters(
+    def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
         """Rasterize the robot into two sets of offsets.

@@ -41,6 +41,7 @@ autosummary_context = {
         "ArmSpace": "checked, contact",
         "CSpace": "checked, own_record, record",
         "Mesh": "cells, check_origin, closed, is_same, measure, rasters",
+        "Robot": "rasters",
         "Rotations": "COORDINATES, KINDS",
         "TiledCSpace": "checked, holds, of_store",
         "Workspace": "in_memory",

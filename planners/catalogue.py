@@ -95,7 +95,8 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
     known = {each.lower(): each for each in (*_planners(), *BUILT_IN_SEARCHES)}
     if not isinstance(name, str) or name.lower() not in known:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
-        hint = f"did you mean {known[close[0]]}? " * len(close) + f"choose one of {', '.join(planner_names())}"
+        hint = f"choose one of {', '.join(planner_names())}"
+        hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
         rule = f"it must be a geometric planner of the installed OMPL, {GRID} or {MAX_CLEARANCE}, or for an arm {BIRRT}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = known[name.lower()]

@@ -37,7 +37,7 @@ def speck(dim, turning, spacing):
     """Return a robot that is nearly a point, and its rasters at any rotation."""
     away = np.full(dim, 1e-7 if turning else 0.0)
     robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
-    return robot, robot._rasters(spacing, 0.0)
+    return robot, robot.rasters(spacing, 0.0)
 
 
 def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):

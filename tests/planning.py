@@ -89,7 +89,7 @@ def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
     state = np.full((len(Rotations.of(turns)), *cells), FREE, dtype=np.uint8)
     state[:, 9] = between
-    rest = (*(4.5,) * (len(cells) - 1), *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(Rotations.of(turns).size, ()))
+    rest = (*(4.5,) * (len(cells) - 1), *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(len(Rotations.of(turns).names), ()))
     return with_state(state[0] if turns is None else state, turns), (2.5, *rest), (16.5, *rest)
 
 

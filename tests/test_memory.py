@@ -88,7 +88,7 @@ def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, sto
         )
         rotations, advice = cspace.Rotations.quaternions(24), r"use rotations=Rotations.quaternions\(\d+\), or take"
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 3 * 10**8)
-    monkeypatch.setattr("cspace.robot.Robot._rasters", None)
+    monkeypatch.setattr("cspace.robot.Robot.rasters", None)
     options = {"store": tmp_path / "map.zarr"} if store else {}
     with pytest.raises(cspace.InputError, match=rf"x [\d,]+ slices and needs about .* [MG]B of memory.*{advice}"):
         cspace.build(workspace, robot, rotations=rotations, **options)

@@ -332,7 +332,7 @@ def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
     tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
     with pytest.raises(ConfigurationError, match="add_obstacle needs a map in memory"):
         tiled.add_obstacle("cart", CART)
-    with pytest.raises(ConfigurationError, match="part of a larger one"):
+    with pytest.raises(ConfigurationError, match="window of a larger one"):
         tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART)
 
 

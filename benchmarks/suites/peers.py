@@ -85,7 +85,7 @@ def _warm_up(rng: np.random.Generator) -> None:
     """Call every method once, so that timings exclude compilation and loading."""
     for dim, robot in ((2, Robot.disc(3.0)), (3, Robot.ball(3.0))):
         workspace = Workspace.from_array(inputs.boxes(32, 0.06, rng, dim), 1.0)
-        raster = robot._rasters(1.0)[0]
+        raster = robot.rasters(1.0)[0]
         for method in METHODS:
             ours(workspace, robot, method)
         for peer in peers(dim):
@@ -108,7 +108,7 @@ def _asymmetric(length: float = LENGTH, width: float = WIDTH) -> Robot:
 
 def _rasters_of(robot: Robot, spacing: float, rotations: int) -> list[Raster]:
     """Return the outer raster of each yaw cell."""
-    return [robot._rasters(spacing, rotation=turn)[0] for turn in Rotations.of(rotations)._shape_cells(2)]
+    return [robot.rasters(spacing, rotation=turn)[0] for turn in Rotations.of(rotations)._shape_cells(2)]
 
 
 def _memory(report: Report, size: int, rng: np.random.Generator) -> None:
@@ -124,7 +124,7 @@ def _memory(report: Report, size: int, rng: np.random.Generator) -> None:
 
 def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
     """Compare our transforms with those of a convolution of the whole map, with equally many workers."""
-    occupied, raster = workspace.outer, robot._rasters(1.0)[0]
+    occupied, raster = workspace.outer, robot.rasters(1.0)[0]
     pairs = zip(occupied.shape, raster.cells.shape, strict=True)
     whole = np.zeros([fft.next_fast_len(n + r - 1, real=True) for n, r in pairs], np.float32)
     whole[tuple(slice(n) for n in occupied.shape)] = occupied
@@ -151,7 +151,7 @@ def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
 def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, goals: Goals) -> None:
     """Compare engines, including rasterization of the robot, with peers that get its cells."""
     occupied = workspace.outer
-    raster = robot._rasters(workspace.grid.spacing)[0]
+    raster = robot.rasters(workspace.grid.spacing)[0]
     report.section(f"{across(occupied)} cells, {occupied.mean():.1%} occupied in boxes; {name}")
     report.note(f"the robot's outer raster has {across(raster.cells)} cells, {raster.count} of them the robot's")
     asked = {peer for of_engine in goals.values() for peer in of_engine}

@@ -61,7 +61,7 @@ def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     or mirrors; those are made in the same task as that slice.
     """
     if rotations._preserve(robot.shape):
-        return [lambda: [(0, robot._rasters(spacing, margin))]]
+        return [lambda: [(0, robot.rasters(spacing, margin))]]
     slice_of = rotations._slices_for(robot.shape)
     first_cells, cells = np.unique(slice_of, return_index=True)[1], rotations._shape_cells(robot.dim)
     # Each slice comes from the smallest of its images; the transposed matrix maps it back.
@@ -73,7 +73,7 @@ def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotatio
         images_of.setdefault(int(sources[index]), []).append(index)
 
     def rasterise(index: int) -> list[tuple[int, RasterPair]]:
-        rasters = [(index, robot._rasters(spacing, margin, cells[first_cells[index]]))]
+        rasters = [(index, robot.rasters(spacing, margin, cells[first_cells[index]]))]
         for index_known, (outer, inner) in rasters:  # grows during the loop
             for image in images_of.get(index_known, ()):
                 matrix = images[image_indices[image]][0].T

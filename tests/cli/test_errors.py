@@ -78,7 +78,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "radius without a curve": ([*_TURN, "--turning-radius", "1"], ["--turning-radius is 1", "--drive dubins"]),
     "curve without rotations": (
         [*_PLAN, "--drive", "dubins", "--turning-radius", "1"],
-        ["--drive is 'dubins'", "(x, y)", "in the plane"],
+        ["--drive is 'dubins'", "(x, y)", "with rotations=72"],
     ),
     "animation suffix": ([*_TURN, "--animate", "path.mp4"], ["path.mp4", ".gif"]),
     "path suffix": ([*_PLAN, "-o", "path.txt"], ["path.txt", ".csv", ".json"]),

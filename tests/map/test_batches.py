@@ -163,7 +163,7 @@ def test_a_yaw_that_cannot_be_wrapped_is_refused_in_a_batch(yaw):
     space = turning(np.random.default_rng(8))
     q = np.full((3000, 3), 0.5)
     q[[2000, 2500], 2] = yaw
-    for ask in (space.classify, space.clearance, space.overlap, lambda q: space.motion_is_free(q[0], q)):
+    for ask in (space.classify, space.clearance, space.overlap_count, lambda q: space.motion_is_free(q[0], q)):
         with pytest.raises(InputError, match="number 2000 is"):
             ask(q)
     q[:, 2] = np.sign(yaw) * 2.0**20

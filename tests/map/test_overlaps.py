@@ -23,7 +23,7 @@ def test_overlap_is_the_stored_count_and_the_sum(occupied, robot, outside):
     cells = np.argwhere(np.ones_like(occupied))
     counts = space.overlap_count(space.grid.center_of(cells))
     assert (counts == space.overlap_counts[tuple(cells.T)]).all()
-    offsets = oracles.raster_offsets(robot._rasters(0.15)[0])
+    offsets = oracles.raster_offsets(robot.rasters(0.15)[0])
     expected = oracles.overlap(occupied, offsets, outside == "blocked")
     assert counts.tolist() == [expected[tuple(cell)] for cell in cells.tolist()]
 

@@ -32,7 +32,7 @@ def test_permuted_quarter_turns_equal_fresh_rasters(robot, count, margin):
     made = slice_rasters(robot, 0.17, margin, cells)
     turns = zip(cells.centers[:, 0].tolist(), cells.covering_angles.tolist(), strict=True)
     for pair, (yaw, covering_angle) in zip(made, turns, strict=False):
-        fresh = robot._rasters(0.17, margin, RotationCell(rotation(yaw), covering_angle, about_z=True))
+        fresh = robot.rasters(0.17, margin, RotationCell(rotation(yaw), covering_angle, about_z=True))
         assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 
@@ -57,7 +57,7 @@ def test_what_turns_and_mirrors_of_the_world_make_are_fresh_rasters(robot, rotat
     assert len(raster_tasks(robot, 0.17, 0.02, rotations)) == fresh
     made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations._shape_cells(robot.dim)
     for number, cell in zip(*np.unique(rotations._slices_for(robot.shape), return_index=True), strict=True):
-        own = robot._rasters(0.17, 0.02, turns[cell])
+        own = robot.rasters(0.17, 0.02, turns[cell])
         for one, other in zip(made[number], own, strict=True):
             # Pieces of the border that are as long along two of their sides may be cut across either.
             assert len(oracles.raster_offsets(one) ^ oracles.raster_offsets(other)) <= 0.02 * one.count

@@ -386,7 +386,7 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
     (
         "yawing",
         {"drive": "dubins", "turning_radius": 1.0},
-        "drive is 'dubins' and the map.s configurations are .x, y, z, yaw.*leave drive",
+        "drive is 'dubins' and the axes are .x, y, z, yaw.*leave drive",
     ),
     ("yawing", {"start": (1.0, 2.0, 3.0)}, r"4 numbers; pass \(x, y, z, yaw\), in metres"),
     ("plane", {"planner": "Grid", "objective": "clearance"}, "objective is 'clearance'"),

@@ -56,7 +56,7 @@ def test_disc_rasters_are_exact_in_their_direction(center, radius, spacing, marg
 @settings(max_examples=40)
 @given(robots(), st.sampled_from([0.1, 0.25, 0.37]), st.sampled_from([0.0, 0.2]))
 def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
-    outer, inner = robot._rasters(spacing, margin)
+    outer, inner = robot.rasters(spacing, margin)
     offsets = np.stack(np.meshgrid(*(np.arange(-30, 31),) * 2, indexing="ij"), axis=-1)
     low, high = (offsets - 1) * spacing, (offsets + 1) * spacing
     boxes = shapely.box(low[..., 0], low[..., 1], high[..., 0], high[..., 1])
@@ -78,8 +78,8 @@ def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
 @given(robots(), spacings)
 def test_grown_segments_obey_their_laws(robot, spacing):
     """A margin only grows the outer raster and keeps the inner raster, which lies in the outer."""
-    outer, inner = (oracles.raster_offsets(raster) for raster in robot._rasters(spacing))
-    grown, same = (oracles.raster_offsets(raster) for raster in robot._rasters(spacing, 0.15))
+    outer, inner = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing))
+    grown, same = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing, 0.15))
     assert inner <= outer <= grown
     assert same == inner
 

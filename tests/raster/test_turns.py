@@ -26,7 +26,7 @@ def places(raster):
 
 
 def rasters(robot, spacing, margin=0.0, turn=NO_ROTATION):
-    return [places(raster) for raster in robot._rasters(spacing, margin, turn)]
+    return [places(raster) for raster in robot.rasters(spacing, margin, turn)]
 
 
 # ---- the plane -------------------------------------------------------------------------------------------------------
@@ -78,7 +78,7 @@ def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, 
 )
 def test_growth_is_point_by_point(robot):
     """The raster grows less near the reference point than at the far end."""
-    outer, _ = robot._rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))
+    outer, _ = robot.rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))
     width = {x: len({offset[1] for offset in places(outer) if offset[0] == x}) for x in (0, 38)}
     assert width[0] <= 5
     assert width[38] >= 9
@@ -205,8 +205,8 @@ def test_a_filled_robot_contains_its_interior_at_every_rotation():
 @pytest.mark.parametrize("name", SOLID)
 def test_permuted_quarter_turns_equal_fresh_rasters(name):
     robot, angle = SOLID[name](), 0.1
-    first = robot._rasters(0.083, 0.02, yaw_turn(0.0, angle, 3))
+    first = robot.rasters(0.083, 0.02, yaw_turn(0.0, angle, 3))
     for turns in range(1, 4):
-        fresh = robot._rasters(0.083, 0.02, yaw_turn(turns * math.pi / 2, angle, 3))
+        fresh = robot.rasters(0.083, 0.02, yaw_turn(turns * math.pi / 2, angle, 3))
         matrix = np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), turns)
         assert [places(raster.rotate(matrix)) for raster in first] == [places(raster) for raster in fresh]

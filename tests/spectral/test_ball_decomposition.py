@@ -110,7 +110,7 @@ def test_save_and_open_refuse_invalid_file_names(tmp_path):
     "changes, message",
     ({"radii": [0.0]}, "above zero"),
     ({"kind": "around"}, "kind"),
-    ({"centers": [[0, np.nan]]}, "NaN"),
+    ({"centers": [[0, np.nan]]}, "must be finite"),
     ({"measure": Bounds(-1, 1)}, "measure"),
     ({"measure": (0.0, 1.0, 2.0)}, "two numbers"),
     ({"hausdorff": 3.0}, "two numbers"),

@@ -234,7 +234,7 @@ PLANE = on_grid(np.ones((3, 3)))
 
 @refusals(
     "ask, match",
-    (lambda: on_grid(np.full((2, 2), math.nan)), "NaN"),
+    (lambda: on_grid(np.full((2, 2), math.nan)), "must be finite"),
     (lambda: Descriptor(Grid((0, 0), 1.0, (2, 3)), np.ones((3, 2))), "values has shape"),
     (lambda: union(PLANE, on_grid(np.ones((3, 4)))), "sample all on it"),
     (lambda: union(PLANE, on_grid(np.ones((3, 3)), lower=0.1)), "sample all on it"),
@@ -251,7 +251,7 @@ PLANE = on_grid(np.ones((3, 3)))
     (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
     (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
     (lambda: BallDescriptor([[0.0, 0.0]], -1.0), "below zero"),
-    (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "NaN"),
+    (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "must be finite"),
     (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
     (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
     (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "has 2 dimensions"),

@@ -130,7 +130,7 @@ POINTS = np.zeros((2, 2))
 @refusals(
     "arguments, match",
     ((POINTS, 0.0, Bump(), 1.0, 4), "above zero"),
-    ((POINTS, math.nan, Bump(), 1.0, 4), "NaN"),
+    ((POINTS, math.nan, Bump(), 1.0, 4), "must be finite"),
     ((POINTS, [0.1, 0.1, 0.1], Bump(), 1.0, 4), "radii has shape"),
     ((np.zeros((2, 4)), 0.1, Bump(), 1.0, 4), "centers has shape"),
     ((POINTS, 0.1, 2.0, 1.0, 4), "must be a Bump"),

@@ -82,7 +82,7 @@ def test_saved_window_keeps_its_unknown_exterior(tmp_path):
     opened = cspace.open(tmp_path / "part.zarr")
     assert opened.outside == "unknown"
     assert opened.classify([1e3, 1e3]) == cspace.MIXED
-    with pytest.raises(ConfigurationError, match="part of a larger"):
+    with pytest.raises(ConfigurationError, match="window of a larger one"):
         opened.update(np.ones((1, 1), bool), (0, 0))
     with pytest.raises(InputError, match="outside"):
         cspace.build(window.workspace, CAR, outside="unknown")
