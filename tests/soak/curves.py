@@ -113,7 +113,7 @@ class _Oracle:
     """Points of curves from OMPL, or from driving the pieces of our curve if OMPL's differs."""
 
     def __init__(self, way: CarCurves) -> None:
-        self._way, self._states = way, way.states()
+        self._way, self._states = way, way.make_states()
         self._first, self._last, self._at = (self._states.allocState() for _ in range(3))
 
     def follow(self, first: Floats, last: Floats, length: float) -> tuple[Floats, bool, bool]:
