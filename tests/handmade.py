@@ -33,7 +33,7 @@ class Outside(NamedTuple):
 
 
 @cache
-def speck(dim, turning, spacing):
+def point_robot(dim, turning, spacing):
     """Return a robot that is nearly a point, and its rasters at any rotation."""
     away = np.full(dim, 1e-7 if turning else 0.0)
     robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
@@ -49,7 +49,7 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     dim = state.ndim - (rotations is not None)
     occupied = np.zeros(state.shape[-dim:], dtype=bool) if occupied is None else occupied
     workspace = Workspace.from_array(occupied, spacing, lower)
-    robot, pair = speck(dim, rotations is not None, spacing)
+    robot, pair = point_robot(dim, rotations is not None, spacing)
     policy = outside if isinstance(outside, str) else "free"
     cells = Rotations.of(rotations)
     states = state.reshape(len(cells), *state.shape[-dim:]).copy()
@@ -67,16 +67,16 @@ def map_in(workspace, robot, states, rotations=None, **options):
     return CSpace(Contents(workspace, robot, cells, cells._slices_for(robot.shape), states, **options))
 
 
-def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):
+def make_map(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):
     """Build a map of a kind from states, shape (rotations, ...)."""
     if "turning" not in kind:
         return map_of(states[0], None, outside, spacing, lower)
     if "any way" in kind:
-        return map_of(states, Rotations.quaternions(cuts(len(states))), outside, spacing, lower)
+        return map_of(states, Rotations.quaternions(cells_per_axis(len(states))), outside, spacing, lower)
     return map_of(states, len(states) if rotations is None else rotations, outside, spacing, lower)
 
 
-def cuts(turns):
+def cells_per_axis(turns):
     """Return the parts of an axis that give a number of quaternion cells."""
     return round((turns / 4) ** (1 / 3))
 
@@ -89,7 +89,7 @@ def random_states(rng, kind, most=5, mixture=MIXTURE):
     return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 
 
-def but(*cells, side=4, dim=3):
+def free_except(*cells, side=4, dim=3):
     """Return states that are FREE except for some MIXED cells."""
     state = np.zeros((side,) * dim, dtype=np.uint8)
     for cell in cells:
@@ -97,7 +97,7 @@ def but(*cells, side=4, dim=3):
     return state
 
 
-def exterior_blocked(shape, *walls, but=()):
+def fill_boxes(shape, *walls, but=()):
     """Return cells that are occupied in some boxes, except for the cells of others."""
     cells = np.zeros(shape, dtype=bool)
     for wall in walls:
@@ -143,7 +143,7 @@ def all_cells(states):
     return np.argwhere(np.ones(states.shape, dtype=bool))
 
 
-def middles(space, cells):
+def cell_centers(space, cells):
     """Return the center configurations of cells ``(rotation, ...)``."""
     q = space.grid.center_of(cells[:, 1:])
     return q if not space.rotations.names else np.column_stack([q, space.rotations.centers[cells[:, 0]]])
@@ -157,11 +157,11 @@ def configurations(space, q):
 
 
 @cache
-def beside(turns, kind):
+def rotation_neighbors(turns, kind):
     """Return the neighbours of each rotation cell: rings of yaw, or quaternion cells a small step away."""
     if "any way" not in kind:
         return [{(cell - 1) % turns, (cell + 1) % turns} for cell in range(turns)]
-    cells, n, near = Rotations.quaternions(cuts(turns)), cuts(turns), []
+    cells, n, near = Rotations.quaternions(cells_per_axis(turns)), cells_per_axis(turns), []
     for chart, *parts in np.ndindex(4, n, n, n):
         low, high = (cells.borders[np.add(parts, above)] for above in (0, 1))
         quotients = np.tile(low + 0.3 * (high - low), (6, 1))
@@ -171,9 +171,9 @@ def beside(turns, kind):
     return near
 
 
-def sides_of(cell, shape, kind=""):
+def side_neighbors(cell, shape, kind=""):
     """Yield the cells of an array (rotations, ...) that share a side with a cell."""
-    yield from ((turn, *cell[1:]) for turn in beside(shape[0], kind)[cell[0]])
+    yield from ((turn, *cell[1:]) for turn in rotation_neighbors(shape[0], kind)[cell[0]])
     for axis, way in itertools.product(range(1, len(shape)), (-1, 1)):
         near = list(cell)
         near[axis] += way
@@ -193,7 +193,7 @@ def components(cells, kind=""):
     Cells are connected through sides.
     """
     number = np.arange(cells.size).reshape(cells.shape)
-    turns = np.array([(turn, near) for turn, row in enumerate(beside(len(cells), kind)) for near in row])
+    turns = np.array([(turn, near) for turn, row in enumerate(rotation_neighbors(len(cells), kind)) for near in row])
     links = [number[turns.T].reshape(2, -1)]
     for axis in range(1, cells.ndim):
         long = np.moveaxis(number, axis, 0)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace.errors import FileError
 from cspace.shapes import Balls, Mesh
-from handmade import exterior_blocked
+from handmade import fill_boxes
 
 SUFFIXES = [".zarr", ""]
 
@@ -105,13 +105,13 @@ def solid() -> cspace.CSpace:
 
 def solid_turning() -> cspace.CSpace:
     """Build a map of a robot in space that rotates about z."""
-    workspace = cspace.Workspace.from_array(exterior_blocked((9, 8, 7), np.s_[4, 4]), 0.1)
+    workspace = cspace.Workspace.from_array(fill_boxes((9, 8, 7), np.s_[4, 4]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.4, 0.2, 0.1)), rotations=6)
 
 
 def solid_free() -> cspace.CSpace:
     """Build a map of a robot in space that rotates about any axis and shares slices."""
-    workspace = cspace.Workspace.from_array(exterior_blocked((7, 6, 5), np.s_[3, 3]), 0.1)
+    workspace = cspace.Workspace.from_array(fill_boxes((7, 6, 5), np.s_[3, 3]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
 
 

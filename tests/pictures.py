@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.plot.artists import CLASSES
-from handmade import exterior_blocked
+from handmade import fill_boxes
 
 NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
 COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}
@@ -18,7 +18,7 @@ COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, c
 def block() -> Workspace:
     """Return a walled workspace of 8 m by 5 m with an asymmetric block: x 5 to 6.5, y 1 to 2."""
     sides = np.s_[[0, -1], :], np.s_[:, [0, -1]]
-    return Workspace.from_array(exterior_blocked((80, 50), *sides, np.s_[50:65, 10:20]), 0.1)
+    return Workspace.from_array(fill_boxes((80, 50), *sides, np.s_[50:65, 10:20]), 0.1)
 
 
 def yard(robot: Robot) -> CSpace:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
-from handmade import exterior_blocked, map_of
+from handmade import fill_boxes, map_of
 from planners.states import kind_of
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
@@ -40,16 +40,16 @@ TURNS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
 
 
 ROOMS: dict[str, Any] = {
-    "plane": (exterior_blocked((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
-    "turning": (exterior_blocked((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]), Robot.rectangle(0.6, 0.3), 24),
-    "yawing": (exterior_blocked((30, 20, 12), np.s_[13:15, :14]), Robot.box((0.4, 0.2, 0.1)), 12),
+    "plane": (fill_boxes((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
+    "turning": (fill_boxes((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]), Robot.rectangle(0.6, 0.3), 24),
+    "yawing": (fill_boxes((30, 20, 12), np.s_[13:15, :14]), Robot.box((0.4, 0.2, 0.1)), 12),
     "floating": (
-        exterior_blocked((24, 16, 10), np.s_[11:13, :9]),
+        fill_boxes((24, 16, 10), np.s_[11:13, :9]),
         Robot.box((0.3, 0.1, 0.2)),
         Rotations.quaternions(5),
     ),
     "space": (
-        exterior_blocked((40, 20, 20), np.s_[13:15, :, :13], np.s_[26:28, :11]),
+        fill_boxes((40, 20, 20), np.s_[13:15, :, :13], np.s_[26:28, :11]),
         Robot.box((0.3, 0.3, 0.1)),
         None,
     ),

@@ -19,7 +19,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace, update
 from cspace.engines.slices import Correlation
 from cspace.export import images
 from cspace.map.components import Components
-from handmade import exterior_blocked
+from handmade import fill_boxes
 from maps import proven_paths
 from refusals import refusals
 from updates import BLOCK, World, agree, check, checkers, room, worlds
@@ -403,7 +403,7 @@ def test_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_paths_match_the_map_before_or_after_an_update(monkeypatch: pytest.MonkeyPatch) -> None:
     # One cell becomes FREE, apart from the others, in a block that had one component.
-    space = cspace.build(Workspace.from_array(exterior_blocked((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
+    space = cspace.build(Workspace.from_array(fill_boxes((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
     asking = threading.Thread(target=lambda: answers.append(space.is_disconnected(pocket, corner)))
     assert space.is_disconnected(pocket, corner)

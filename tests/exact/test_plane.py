@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
-from handmade import exterior_blocked
+from handmade import fill_boxes
 from placements import obstacles_of
 from strategies import robots, seeds, stars
 from tests.soak.plane import moved
@@ -186,7 +186,7 @@ def test_disc_rotates_about_its_center_next_to_an_obstacle():
 
 
 def test_touching_counts_as_collision():
-    space = cspace.build(Workspace.from_array(exterior_blocked((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0))
+    space = cspace.build(Workspace.from_array(fill_boxes((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0))
     assert not space.is_free([4.5, 5.5], exact=True)
     assert space.is_free([4.5 - 1e-6, 5.5], exact=True)
     assert not space.motion_is_free([4.5, 3.0], [4.5, 8.0], exact=True)

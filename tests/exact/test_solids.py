@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes.mesh import Mesh
-from handmade import exterior_blocked, map_in
+from handmade import fill_boxes, map_in
 from solids import surface, turn_of
 from strategies import seeds
 from tests.soak.solids import Blocks, Pair, Walls
@@ -270,7 +270,7 @@ def test_corridor_as_wide_as_the_robot_is_blocked(body, share):
 
 @pytest.mark.parametrize("robot", [Robot.box((1, 1, 1)), Robot.from_mesh(trimesh.creation.box((1, 1, 1)))])
 def test_touching_counts_as_collision(robot):
-    space = cspace.build(Workspace.from_array(exterior_blocked((10, 10, 10), np.s_[5, 5, 5]), 1.0), robot)
+    space = cspace.build(Workspace.from_array(fill_boxes((10, 10, 10), np.s_[5, 5, 5]), 1.0), robot)
     for shift in product((-1.0, 0.0, 1.0), repeat=3):  # sides, edges and corners
         way = np.array(shift)
         assert not space.is_free(5.5 + way, exact=True)

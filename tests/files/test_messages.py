@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.files.ros import Costmap, OccupancyGrid
-from handmade import exterior_blocked
+from handmade import fill_boxes
 from refusals import refusals
 
 RNG = np.random.default_rng(0)
@@ -58,7 +58,7 @@ def strict(about, sizes, typecode):
 
 @pytest.fixture(scope="module")
 def spaces():
-    workspace = Workspace.from_array(exterior_blocked((40, 30), np.s_[20, :18], np.s_[5:8, 22:26]), 0.1, (-1.0, 2.0))
+    workspace = Workspace.from_array(fill_boxes((40, 30), np.s_[20, :18], np.s_[5:8, 22:26]), 0.1, (-1.0, 2.0))
     disc, car = Robot.disc(0.23), Robot.rectangle(0.5, 0.3)
     return {"disc": cspace.build(workspace, disc), "car": cspace.build(workspace, car, rotations=6)}
 

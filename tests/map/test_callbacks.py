@@ -20,7 +20,7 @@ def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
     states = handmade.random_states(rng, kind)
     dim = states.ndim - 1
     outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
-    space = handmade.made(states, kind, outside, 0.1, lower=(-1.0, 0.0, 0.3)[:dim])
+    space = handmade.make_map(states, kind, outside, 0.1, lower=(-1.0, 0.0, 0.3)[:dim])
     q0, q1 = draw_configurations(space, rng, 200), draw_configurations(space, rng, 200)
     corners = np.array([space.grid.lower, space.grid.upper, (1e30, -1e30, 1e30)[:dim]])
     q0[:60, :dim] = corners[rng.integers(0, 3, (60, 1)), np.arange(dim)]
@@ -37,7 +37,7 @@ def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
 def test_checkers_never_pass_what_is_no_configuration(kind, exact):
     # What is proven by cells, and what is left to the geometry, which has no obstacles here.
     states = np.full((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)), MIXED if exact else FREE)
-    space = handmade.made(states, kind)
+    space = handmade.make_map(states, kind)
     dim, point, edge = space.grid.dim, space.point_checker(exact=exact), space.edge_checker(exact=exact)
     both = handmade.configurations(space, np.full((2, space.size), 0.3)).ravel().tolist()
     assert point(*both[: space.size]) and edge(*both)

@@ -25,7 +25,7 @@ def fewest_mixed(states, closed, start, goal, kind):
         cost, here = heapq.heappop(todo)
         if here == goal:
             return cost
-        for near in handmade.sides_of(here, states.shape, kind):
+        for near in handmade.side_neighbors(here, states.shape, kind):
             if states[near] == BLOCKED or closed[near]:
                 continue
             total = cost + int(states[near] == MIXED)
@@ -44,7 +44,7 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     passable = np.argwhere(states != BLOCKED)
     if not len(passable):
         return
-    space = handmade.made(states, kind)
+    space = handmade.make_map(states, kind)
     endpoints = passable[rng.integers(len(passable), size=2)]
     start, goal = map(tuple, endpoints.tolist())
     path = chain_on(space, *endpoints, closed if shuts else None)
@@ -55,14 +55,14 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     cells = list(map(tuple, path.tolist()))
     assert cells[0] == start and cells[-1] == goal and len(set(cells)) == len(cells)
     for here, near in pairwise(cells):
-        assert near in set(handmade.sides_of(here, states.shape, kind))
+        assert near in set(handmade.side_neighbors(here, states.shape, kind))
         assert states[near] != BLOCKED and not closed[near]
     assert sum(int(states[cell] == MIXED) for cell in cells[1:]) == expected
 
 
 def test_chains_keep_what_is_closed_out_of_use():
     states = np.zeros((1, 3, 3, 3), dtype=np.uint8)
-    space, closed = handmade.made(states, "space"), np.zeros(states.shape, dtype=bool)
+    space, closed = handmade.make_map(states, "space"), np.zeros(states.shape, dtype=bool)
     endpoints = (0, 0, 0, 0), (0, 2, 0, 0)
     assert len(chain_on(space, *endpoints, closed)) == 3
     closed[0, 1] = True
@@ -75,7 +75,7 @@ def test_chains_keep_what_is_closed_out_of_use():
 def test_chains_begin_and_end_where_the_map_is_not_blocked(kind):
     states = np.zeros((4 if "turning" in kind else 1, *((5, 4, 3) if "space" in kind else (5, 4))), np.uint8)
     states[0, 2, 1] = BLOCKED
-    space = handmade.made(states, kind)
+    space = handmade.make_map(states, kind)
     inside, free = ((0, n, *[1] * (states.ndim - 2)) for n in (2, 0))
     for endpoints in ((inside, free), (free, inside), (inside, inside)):
         assert chain_on(space, *endpoints).shape == (0, states.ndim)

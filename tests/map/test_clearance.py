@@ -43,7 +43,7 @@ def sparse_states(draw, kind):
 def test_distances_to_cells_are_exact(kind, data, seed):
     """Also along lines, where each search begins with what the one before has found."""
     states, rng = data.draw(sparse_states(kind)), np.random.default_rng(seed)
-    space, dim = handmade.made(states, kind, spacing=1.0), states.ndim - 1
+    space, dim = handmade.make_map(states, kind, spacing=1.0), states.ndim - 1
     endpoints = rng.uniform(-1.5, 2.5, (2, space.size)) * [*states.shape[1:], *[3.0] * (space.size - dim)]
     q = np.concatenate(
         [
@@ -127,7 +127,7 @@ def test_steps_within_the_clearance_stay_free(kind):
     states = (
         rng.random((4 if "turning" in kind else 1, *((20, 15, 40) if "space" in kind else (60, 80)))) < 0.003
     ) * MIXED
-    space = handmade.made(states, kind)
+    space = handmade.make_map(states, kind)
     dim = space.grid.dim
     q = handmade.configurations(space, rng.uniform(-1.0, 12.0, (10_000, space.size)))
     course = rng.normal(size=(len(q), dim))
@@ -140,7 +140,7 @@ def test_steps_within_the_clearance_stay_free(kind):
 
 @pytest.mark.parametrize("kind", handmade.KINDS)
 def test_an_empty_map_has_no_bound(kind):
-    space = handmade.made(np.zeros((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
+    space = handmade.make_map(np.zeros((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
     q = handmade.configurations(space, np.full((2, space.size), 0.1))
     q[1, 0] = 50.0
     assert space.clearance(q).tolist() == [math.inf, math.inf]
@@ -177,6 +177,6 @@ def test_clearance_answers_far_away_and_for_no_numbers(dim):
 def test_one_lonely_cell_on_a_large_map_is_found():
     states = np.zeros((1, 3000, 2500), dtype=np.uint8)
     states[0, 2990, 3] = MIXED
-    space = handmade.made(states, "plane", spacing=1.0)
+    space = handmade.make_map(states, "plane", spacing=1.0)
     q = np.random.default_rng(0).uniform(0.0, 2500.0, (50, 2))
     np.testing.assert_allclose(space.clearance(q), distances_of(states, q, [0] * 50), rtol=1e-9)

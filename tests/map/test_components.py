@@ -229,9 +229,9 @@ def test_block_path_proves_that_mixed_cells_join(min_blocks, monkeypatch):
 def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
     """Pairs of cells of a small map, whose exterior is FREE or BLOCKED."""
     states = handmade.random_states(np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED))
-    space, cells = handmade.made(states, kind, outside), handmade.all_cells(states)
+    space, cells = handmade.make_map(states, kind, outside), handmade.all_cells(states)
     cells = np.random.default_rng(seed).permutation(cells)[:150]
-    q = handmade.middles(space, cells)
+    q = handmade.cell_centers(space, cells)
     away = np.array(q[0])
     away[: space.grid.dim] = -99.0
     exterior_open = space.classify(away) != BLOCKED
@@ -243,7 +243,7 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
     assert proven_paths(space, q[:, None], q[None]).tolist() == expected.tolist()
     with mock.patch("cspace.map.components.HINT_SLICES", 1):  # the hint may be right or wrong
         for one, other in itertools.pairwise(range(min(len(q), 6))):
-            space = handmade.made(states, kind, outside)
+            space = handmade.make_map(states, kind, outside)
             assert proven_paths(space, q[one], q[other]) is expected[one, other]
 
 
@@ -252,16 +252,16 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
 def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
     """The box holds all joined cells, and each of its sides touches one."""
     states = handmade.random_states(np.random.default_rng(seed), kind)
-    space = handmade.made(states, kind, spacing=1.0)
+    space = handmade.make_map(states, kind, spacing=1.0)
     numbers = handmade.components(states == FREE, kind)
     for cell in np.argwhere(states == FREE)[:8]:
         joined = np.argwhere(numbers == numbers[tuple(cell)])[:, 1:]
-        lower, upper = space.reachable_bounds(handmade.middles(space, cell[None])[0])
+        lower, upper = space.reachable_bounds(handmade.cell_centers(space, cell[None])[0])
         assert lower.tolist() == joined.min(axis=0).tolist()
         assert upper.tolist() == (joined.max(axis=0) + 1).tolist()
     for cell in np.argwhere(states != FREE)[:1]:
         with pytest.raises(ConfigurationError, match="FREE"):
-            space.reachable_bounds(handmade.middles(space, cell[None])[0])
+            space.reachable_bounds(handmade.cell_centers(space, cell[None])[0])
 
 
 BAR = Robot.rectangle(1e-6, 1e-7)
@@ -287,7 +287,7 @@ def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
         space, states = handmade.map_in(workspace, robot, stack, cells, outside="free"), stack[slice_of]
         assert len(stack) < len(cells) and (space.cell_states == states).all()
         places = np.random.default_rng(seed).permutation(handmade.all_cells(states))[:150]
-        q = handmade.middles(space, places)
+        q = handmade.cell_centers(space, places)
         free = handmade.components(states == FREE, kind)[tuple(places.T)]
         answers = proven_paths(space, q[:, None], q[None])
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
@@ -338,7 +338,7 @@ def test_bar_passes_only_lengthwise():
 def test_rotations_in_place_wrap_around():
     states = np.full((6, 1, 1), BLOCKED)
     states[[0, 1, 5]] = FREE
-    space = handmade.made(states, "turning")
+    space = handmade.make_map(states, "turning")
     assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, -1.0))
     assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, 2 * math.pi - 1.0))
     assert space.is_disconnected((0.1, 0.1, 0.0), (0.1, 0.1, math.pi))

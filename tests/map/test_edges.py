@@ -16,7 +16,7 @@ import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
-from handmade import Outside, but, cells_around, exterior_blocked, map_of, outsides, state_of, states
+from handmade import Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
 from planning import edge
 from strategies import rotation_cells, seeds
 
@@ -50,30 +50,32 @@ points = st.tuples(places, places, places)
 
 @settings(max_examples=200)
 @given(states(5, (FREE,) * 12 + (MIXED,)), outsides(), points, points)
-@example(but((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))  # through a lattice point
-@example(but((2, 1, 1)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
-@example(but((1, 2, 0)), ALL_FREE, (0.25, 0.25, 0.1), (0.75, 0.75, 0.1))  # through a line of the lattice
-@example(but((0, 2, 2)), ALL_FREE, (0.1, 0.25, 0.25), (0.1, 0.75, 0.75))
-@example(but((2, 2, 2)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))  # along a line that four cells share
-@example(but((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))
-@example(but((1, 2, 1)), ALL_FREE, (0.5, 0.0, 0.5), (0.5, 1.0, 0.5))
-@example(but((1, 2, 3)), ALL_FREE, (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
-@example(but((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5))  # a point that eight cells share
-@example(but((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))  # upright but for tiny numbers
-@example(but((0, 0, 2)), ALL_FREE, (0.0, 0.1, 0.0), (5e-324, 0.1, 1.0))
-@example(but((1, 3, 0)), ALL_FREE, (0.25, 1.0, 0.25), (0.25 + 2.0**-54, 0.75, 0.0))
-@example(but(), ALL_FREE, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-@example(but(), Outside.all_of(BLOCKED), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-@example(but(), Outside(np.array([-1, 2, 2, 5, 5, 2]), FREE), (-0.5, 0.6, 0.6), (-0.3, 0.6, 0.6))
-@example(but(), Outside(np.array([1, 1, 4, 2, 2, 5]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, 1.0 + 2.0**-20))
-@example(but(), Outside(np.array([1, 1, -2, 2, 2, -1]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, -(2.0**-20)))
-@example(but((1, 2), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))  # in the plane: through a corner
-@example(but((2, 1), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
-@example(but((3, 3), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # along a border, above a cell
-@example(but((3, 4), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # and below one
-@example(but(side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (2.0, 2.0, 0.0))
-@example(but((0, 0), side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 0.25, 0.0))  # upright but for tiny numbers
-@example(but((0, 1), side=8, dim=2), ALL_FREE, (0.0, 2.0, 0.0), (1e-300, 0.0, 0.0))
+@example(free_except((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))  # through a lattice point
+@example(free_except((2, 1, 1)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
+@example(free_except((1, 2, 0)), ALL_FREE, (0.25, 0.25, 0.1), (0.75, 0.75, 0.1))  # through a line of the lattice
+@example(free_except((0, 2, 2)), ALL_FREE, (0.1, 0.25, 0.25), (0.1, 0.75, 0.75))
+@example(free_except((2, 2, 2)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))  # along a line that four cells share
+@example(free_except((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))
+@example(free_except((1, 2, 1)), ALL_FREE, (0.5, 0.0, 0.5), (0.5, 1.0, 0.5))
+@example(free_except((1, 2, 3)), ALL_FREE, (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
+@example(free_except((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5))  # a point that eight cells share
+@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))  # upright but for tiny numbers
+@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.1, 0.0), (5e-324, 0.1, 1.0))
+@example(free_except((1, 3, 0)), ALL_FREE, (0.25, 1.0, 0.25), (0.25 + 2.0**-54, 0.75, 0.0))
+@example(free_except(), ALL_FREE, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+@example(free_except(), Outside.all_of(BLOCKED), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+@example(free_except(), Outside(np.array([-1, 2, 2, 5, 5, 2]), FREE), (-0.5, 0.6, 0.6), (-0.3, 0.6, 0.6))
+@example(free_except(), Outside(np.array([1, 1, 4, 2, 2, 5]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, 1.0 + 2.0**-20))
+@example(free_except(), Outside(np.array([1, 1, -2, 2, 2, -1]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, -(2.0**-20)))
+# In the plane: through a corner.
+@example(free_except((1, 2), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
+@example(free_except((2, 1), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
+@example(free_except((3, 3), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # along a border, above a cell
+@example(free_except((3, 4), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # and below one
+@example(free_except(side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (2.0, 2.0, 0.0))
+# Upright except for tiny numbers.
+@example(free_except((0, 0), side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 0.25, 0.0))
+@example(free_except((0, 1), side=8, dim=2), ALL_FREE, (0.0, 2.0, 0.0), (1e-300, 0.0, 0.0))
 def test_free_means_that_every_touched_cell_is_free(state, outside, start, end):
     dim = state.ndim
     outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
@@ -137,7 +139,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     states = handmade.random_states(rng, kind, 6, (FREE,) * 20 + (MIXED,))
     dim = states.ndim - 1
     outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
-    space = handmade.made(states, kind, outside)
+    space = handmade.make_map(states, kind, outside)
     inside, around = rng.random((2, 60, dim)) * space.grid.upper, rng.uniform(-0.6, 1.8, (2, 60, dim))
     places = np.where(rng.random((60, 1)) < 0.5, inside, around)
     endpoints = np.concatenate([places, rng.uniform(-3, 3, (2, 60, space.size - dim))], axis=2)
@@ -162,9 +164,7 @@ def test_long_edges_outside_the_grid_are_decided(dim):
 
 
 def test_edges_outside_keep_off_what_is_undecided():
-    space = cspace.build(
-        Workspace.from_array(exterior_blocked((10, 10), np.s_[0, 5]), 0.1), Robot.disc(0.2), outside="free"
-    )
+    space = cspace.build(Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1), Robot.disc(0.2), outside="free")
     assert space.motion_is_free((-1.0, -1.0), (-1.0, 2.0))
     assert not space.motion_is_free((-0.15, -1.0), (-0.15, 2.0))
     assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
@@ -172,7 +172,7 @@ def test_edges_outside_keep_off_what_is_undecided():
 
 @pytest.mark.parametrize("kind", handmade.KINDS)
 def test_batches_broadcast(kind):
-    space = handmade.made(np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2))), kind)
+    space = handmade.make_map(np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2))), kind)
     size = space.size
     one, many = (
         handmade.configurations(space, np.full(size, 0.1)),
@@ -334,7 +334,7 @@ def test_edges_are_walked_as_ompl_interpolates(rotations, seed):
 
 def test_edges_outside_the_grid_follow_the_policy():
     robot = Robot.rectangle(0.4, 0.1, (0.1, 0.0))
-    workspace = Workspace.from_array(exterior_blocked((10, 10), np.s_[0, 5]), 0.1)
+    workspace = Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1)
     free = cspace.build(workspace, robot, rotations=16, outside="free")
     blocked = cspace.build(workspace, robot, rotations=16)
     assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))

@@ -32,9 +32,9 @@ def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
     free = np.argwhere(states == FREE)
     if not len(free):
         return
-    space, numbers = handmade.made(states, kind, "blocked"), handmade.components(states == FREE, kind)
+    space, numbers = handmade.make_map(states, kind, "blocked"), handmade.components(states == FREE, kind)
     cells = rng.choice(free if rng.random() < 0.5 else free[free[:, 0] == rng.choice(free)[0]], 2)
-    q0, q1 = handmade.middles(space, cells)
+    q0, q1 = handmade.cell_centers(space, cells)
     for q in (q0, q1):
         q[: space.grid.dim] += space.grid.spacing * rng.uniform(-0.4, 0.4, space.grid.dim)
         q[space.grid.dim :] *= rng.choice([-1.0, 1.0]) if len(space.rotations.names) == 4 else 1.0

@@ -28,7 +28,7 @@ def space(request):
     shape = (5, 4, 6) if "space" in request.param else (12, 30)
     shape = (108, 2, 3, 2) if "any way" in request.param else (5 if "turning" in request.param else 1, *shape)
     states = rng.integers(0, 3, shape)
-    return handmade.made(states, request.param, spacing=0.3, rotations=BORDERS)
+    return handmade.make_map(states, request.param, spacing=0.3, rotations=BORDERS)
 
 
 def test_samples_are_uniform_over_the_free_volume(space):
@@ -76,7 +76,7 @@ def test_few_free_cells_are_all_drawn(free):
     """Where the FREE cells are few and lie at the ends of what is counted together."""
     states = np.full((1, 25, 40), BLOCKED)
     states.flat[free] = FREE
-    space = handmade.made(states, "plane", spacing=1.0)
+    space = handmade.make_map(states, "plane", spacing=1.0)
     drawn = space.grid.cell_of(space.sample_free(64, np.random.default_rng(0)))
     assert set(np.ravel_multi_index(drawn.T, (25, 40)).tolist()) == set(free)
 
@@ -90,8 +90,8 @@ def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
     if "turning" in kind and "any way" not in kind:
         states = np.resize(states, (len(Rotations.of(rotations)), *states.shape[1:]))
     states[tuple(rng.integers(0, states.shape))] = FREE
-    space = handmade.made(states, kind, spacing=spacing, rotations=rotations)
-    free, dim = handmade.middles(space, np.argwhere(states == FREE)), space.grid.dim
+    space = handmade.make_map(states, kind, spacing=spacing, rotations=rotations)
+    free, dim = handmade.cell_centers(space, np.argwhere(states == FREE)), space.grid.dim
     for one in rng.uniform(-0.5, 1.5, (8, dim)) * states.shape[1:] * spacing:
         q = handmade.configurations(space, np.array([*one, *rng.uniform(-9, 9, space.size - dim)]))
         nearest = space.nearest_free(q)
@@ -110,7 +110,7 @@ def test_nearest_free_does_not_look_at_all_of_a_large_map():
     """A map of a million and a half cells for each millisecond that a test may wonder about."""
     states = np.zeros((1, 6000, 6000), dtype=np.uint8)
     states[0, 2000:2300, 2000:2600] = BLOCKED
-    space = handmade.made(states, "plane", spacing=1.0)
+    space = handmade.make_map(states, "plane", spacing=1.0)
     space.nearest_free((1.0, 1.0))
     began = time.perf_counter()
     assert space.nearest_free((2100.2, 2300.2)).tolist() == [1999.5, 2300.5]
@@ -120,7 +120,7 @@ def test_nearest_free_does_not_look_at_all_of_a_large_map():
 @pytest.mark.parametrize("kind", handmade.KINDS)
 def test_nothing_free_is_an_error_that_says_so(kind):
     states = np.full((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2)), BLOCKED)
-    space = handmade.made(states, kind)
+    space = handmade.make_map(states, kind)
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         space.sample_free(1, np.random.default_rng(0))
     with pytest.raises(ConfigurationError, match="no FREE cell"):

@@ -8,7 +8,7 @@ from ompl import base as ob
 
 import planners
 from cspace import CSpace, InputError, Robot, Workspace, build
-from handmade import exterior_blocked
+from handmade import fill_boxes
 from planning import CAR, SPACES, configurations, edges_from, room, state_at, values
 
 
@@ -72,7 +72,7 @@ def test_a_class_may_be_derived_from(space: CSpace) -> None:
 
 
 def test_a_thin_wall_is_not_stepped_over_where_ompl_by_itself_does() -> None:
-    thin = build(Workspace.from_array(exterior_blocked((400, 8), np.s_[200]), 0.1), Robot.disc(0.01))
+    thin = build(Workspace.from_array(fill_boxes((400, 8), np.s_[200]), 0.1), Robot.disc(0.01))
     si = planners.simple_setup(thin).getSpaceInformation()
     bare = ob.SpaceInformation(planners.state_space(thin))
     bare.setStateValidityChecker(planners.StateValidityChecker(bare, thin))

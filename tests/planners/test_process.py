@@ -10,7 +10,7 @@ import pytest
 
 import planners
 from cspace import Robot, Workspace, build
-from handmade import exterior_blocked
+from handmade import fill_boxes
 
 SCRIPT = """
 import gc, json, sys
@@ -76,7 +76,7 @@ def test_planners_are_imported_without_parts_of_scipy_that_few_need(printed: dic
 
 
 def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> None:
-    space = build(Workspace.from_array(exterior_blocked((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
+    space = build(Workspace.from_array(fill_boxes((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
     paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0).path.tolist() for seed in (2, 1)]
     assert printed["path"] == paths[0] != paths[1]
 

@@ -13,7 +13,7 @@ from ompl import geometric as og
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
-from handmade import KINDS, components, configurations, made, random_states
+from handmade import KINDS, components, configurations, make_map, random_states
 from maps import proven_paths
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
@@ -133,7 +133,7 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
     """So a plan that ends at once loses no path, whatever the drive, also if all around the map is free."""
     rng = np.random.default_rng(seed)
     states = random_states(rng, kind, mixture=(FREE, FREE, FREE, FREE, MIXED))
-    space = made(states, kind, outside)
+    space = make_map(states, kind, outside)
     joined = components(states == FREE, kind)
     q0, q1 = drawn_edges(space, rng, 40)
     cells = [
@@ -154,7 +154,7 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
 def test_a_plan_searches_wherever_free_cells_join_start_and_goal(seed: int, kind: str) -> None:
     rng = np.random.default_rng(seed)
     states = random_states(rng, kind, mixture=(FREE, FREE, MIXED))
-    space, joined = made(states, kind, "free"), components(states == FREE, kind)
+    space, joined = make_map(states, kind, "free"), components(states == FREE, kind)
     free = np.argwhere(joined >= 0)
     if not len(free):
         return
@@ -215,7 +215,7 @@ def test_the_yaws_that_a_status_names_are_those_that_look_ups_find_free(seed: in
     rng = np.random.default_rng(seed)
     states = rng.choice(np.array([FREE, FREE, MIXED], dtype=np.uint8), (int(rng.integers(3, 9)), 4, 1))
     states[:, 1:3] = FREE
-    space, joined = made(states, "turning", "blocked"), components(states == FREE, "turning")
+    space, joined = make_map(states, "turning", "blocked"), components(states == FREE, "turning")
     ends = [np.array([*space.grid.center_of([x, 0]), rng.uniform(-math.pi, math.pi)]) for x in (0, 3)]
     if not all(space.motion_is_free(q, q) for q in ends):
         return

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from handmade import exterior_blocked
+from handmade import fill_boxes
 from maps import proven_paths
 from tiles.test_build import CAR, random_workspace
 
@@ -47,7 +47,7 @@ def test_tiled_components_equal_those_in_memory(seed, tile, density, tmp_path_fa
 
 
 def test_update_relabels_only_changed_tiles(tmp_path):
-    workspace = cspace.Workspace.from_array(exterior_blocked((60, 60), np.s_[30]), 0.1)
+    workspace = cspace.Workspace.from_array(fill_boxes((60, 60), np.s_[30]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.is_disconnected([1.0, 1.0], [5.0, 5.0])
     written = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "labels_0").rglob("*") if file.is_file()}

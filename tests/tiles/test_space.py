@@ -15,7 +15,7 @@ from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.store import Store
 from cspace.tiles.cache import ChunkCache
 from cspace.tiles.space import ONLY_IN_MEMORY
-from handmade import exterior_blocked
+from handmade import fill_boxes
 from tiles.test_build import SPACES, random_workspace
 
 
@@ -120,7 +120,7 @@ def test_edge_queries_read_only_the_tiles_they_cross(tmp_path, monkeypatch):
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.motion_is_free([0.5, 0.5], [9.5, 9.45])
     assert len(read) == len(set(read)) <= 28
-    workspace = cspace.Workspace.from_array(exterior_blocked((100, 100), np.s_[15]), 0.1)
+    workspace = cspace.Workspace.from_array(fill_boxes((100, 100), np.s_[15]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
     read.clear()
     assert not tiled.motion_is_free([0.5, 0.5], [9.5, 0.5])
