@@ -188,7 +188,7 @@ def build(
     if client is not None:
         hint = "pass store='map.zarr'"
         raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)
-    workspace = workspace.in_memory()
+    workspace = workspace._in_memory()
     grid = workspace.grid
     slice_of = cells._slices_for(robot.shape)
     slices = int(slice_of.max()) + 1

@@ -69,9 +69,9 @@ def _open_unchanged(path: StrPath, in_memory: bool | None) -> CSpace | TiledCSpa
     _check_folder(path)
     store = Store.open(path)
     if in_memory is None:
-        in_memory = store.is_done and (len(store) == 1 or not TiledCSpace.holds(store))
+        in_memory = store.is_done and (len(store) == 1 or not TiledCSpace._holds(store))
     if not in_memory:
-        return TiledCSpace.of_store(store)
+        return TiledCSpace._of_store(store)
     contents = store.contents()
     with making_map(path):
         return CSpace(contents)

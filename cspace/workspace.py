@@ -426,7 +426,7 @@ class Workspace(WorkspacePlot):
         warn_of_nothing(outer, grid, corners)
         return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
-    def in_memory(self) -> Workspace:
+    def _in_memory(self) -> Workspace:
         """Return the workspace with all its cells in memory."""
         return self
 
@@ -780,7 +780,7 @@ class LazyWorkspace(Workspace):
         """Cells that lie in obstacles; the first access reads all cells."""
         return self._read()[1]
 
-    def in_memory(self) -> Workspace:
+    def _in_memory(self) -> Workspace:
         """Return the workspace with all its cells in memory."""
         return Workspace(self.grid, self.outer, self.inner, source=self.source, shapes=self.shapes)
 

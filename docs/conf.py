@@ -37,14 +37,8 @@ autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
 autosummary_context = {
     "inside": {
-        "Arm": "check_limits, checked, clamp, ranges",
-        "ArmSpace": "checked, contact",
-        "CSpace": "checked, own_record, record",
         "Mesh": "cells, check_origin, closed, is_same, measure, rasters",
-        "Robot": "rasters",
         "Rotations": "COORDINATES, KINDS",
-        "TiledCSpace": "checked, holds, of_store",
-        "Workspace": "in_memory",
     }
 }
 """Methods for the two packages only, by class; the API pages omit them."""

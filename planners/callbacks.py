@@ -12,6 +12,7 @@ from ompl import util as ou
 
 from cspace.check import check_rng
 from cspace.configuration_space import ConfigurationSpace
+from cspace.errors import InputError
 from cspace.space import CSpace
 from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
@@ -149,6 +150,7 @@ class FreeStateSampler(ob.ValidStateSampler):
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`.
     space : CSpace
+        A map in memory.
     rng : numpy.random.Generator, optional
         Source of randomness. By default a generator seeded by OMPL's, so that ``ompl.util.RNG.setSeed`` makes the draws
         repeatable.
@@ -156,11 +158,14 @@ class FreeStateSampler(ob.ValidStateSampler):
     Raises
     ------
     InputError
-        If ``rng`` is not a Generator.
+        If ``space`` is not a map in memory, or ``rng`` is not a Generator.
     """
 
     def __init__(self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None) -> None:
         check_information(si, space)
+        if not isinstance(space, CSpace):
+            rule, hint = "it must be a CSpace", "use ompl.base.UniformValidStateSampler"
+            raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind, self._rotations = kind_of(space), space.rotations

@@ -743,7 +743,7 @@ class JointMotions(LocalPlanner):
         """
         space = self.space
         given = self._check_size(q, name)
-        point = space.arm.clamp(space._check_configurations(given, name))
+        point = space.arm._clamp(space._check_configurations(given, name))
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         if not space.is_free(point):
             raise collision_error(space, point, name)
@@ -754,7 +754,7 @@ class JointMotions(LocalPlanner):
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Say which joints of a start or goal :meth:`check_endpoint` moves onto their limits; empty if none."""
         arm, point = self.space.arm, self._check_size(q, name)
-        excess = np.abs(arm.clamp(point) - point)
+        excess = np.abs(arm._clamp(point) - point)
         rows = zip(arm.joints, excess.tolist(), arm.units, strict=True)
         joints = [f"{joint} by {by:.2g} {unit}" for joint, by, unit in rows if by]
         return f"{name} moved onto the limit of {', '.join(joints)}" if joints else ""

@@ -10,6 +10,7 @@ import numpy as np
 from ompl import base as ob
 
 from cspace.arrays import Floats
+from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.rotations.base import METRES_PER_RADIAN, shorter
@@ -68,7 +69,14 @@ class StateKind:
 
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
-    """Return the conversions between a space's configurations and OMPL's states."""
+    """Return the conversions between a space's configurations and OMPL's states.
+
+    Raises InputError for a map with rotations of a kind that OMPL has no states for.
+    """
+    if isinstance(space, ConfigurationMap) and space.rotations.names and space.axes not in _STATE_KINDS:
+        rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
+        hint = "add its states to planners/states.py, or search with space.find_path"
+        raise InputError("space", f"has the axes {' '.join(space.axes)}", rule, hint, value=space)
     rigid_body = None if any(space.periodic_axes) else _STATE_KINDS.get(space.axes)
     return rigid_body or _make_joint_kind(space.periodic_axes)
 

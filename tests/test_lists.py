@@ -6,9 +6,10 @@ import re
 import runpy
 import sys
 import tomllib
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 from unittest import mock
 
@@ -217,6 +218,26 @@ def test_api_page_shows_public_names_only() -> None:
     for full in shown_in_api():
         package, _, name = full.rpartition(".")
         assert not name.startswith("_") and name in public.get(package, {name}), full
+
+
+def test_api_pages_show_every_public_method_of_a_class(conf: dict[str, Any]) -> None:
+    """Sphinx lists each public method that has a docstring and that docs/conf.py does not leave out."""
+    inside: dict[str, str] = conf["autosummary_context"]["inside"]
+    left_out = {f"{kind}.{name}" for kind, names in inside.items() for name in names.split(", ")}
+    methods = FunctionType, property, classmethod, staticmethod, cached_property
+    undocumented = []
+    for kind in shown_in_api().values():
+        for base in kind.__mro__ if inspect.isclass(kind) else ():
+            if base.__module__.split(".")[0] in ("cspace", "planners"):
+                left_out -= {f"{kind.__name__}.{name}" for name in vars(base)}
+                public = {name: value for name, value in vars(base).items() if not name.startswith("_")}
+                undocumented += [
+                    f"{base.__name__}.{name}"
+                    for name, value in public.items()
+                    if isinstance(value, methods) and not inspect.getdoc(value)
+                ]
+    assert undocumented == []
+    assert left_out == set(), "docs/conf.py leaves out methods that do not exist"
 
 
 # ---- the page for contributors ---------------------------------------------------------------------------------------

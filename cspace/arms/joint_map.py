@@ -208,10 +208,10 @@ def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: Arra
     if held.ndim != 1:
         problem, rule = f"has shape {held.shape}", "it must be one configuration of the arm"
         raise InputError("held_joints", problem, rule, "pass one", value=held_joints)
-    within = space.arm.clamp(held)
+    within = space.arm._clamp(held)
     joint_indices = [space.arm.joints.index(name) for name in others]
     within[joint_indices] = held[joint_indices]
-    space.arm.check_limits(within, "held_joints")
+    space.arm._check_limits(within, "held_joints")
     return held.copy()
 
 
@@ -265,7 +265,7 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
         return
     q = held[np.newaxis]
     if not are_free(scene, q, q)[0]:
-        link, other, *_ = space.contact(scene, q)
+        link, other, *_ = space._contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in joint_indices)} do not move them apart"
         raise ConfigurationError("held_joints", problem, rule, "hold the other joints elsewhere", value=held)

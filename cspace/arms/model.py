@@ -270,7 +270,7 @@ class Arm:
         """
         moving = _moving(self.links)
         scene = make_scene(self.chain, self.links, moving)
-        shares = sample_apart(scene, draw_configurations(self.ranges(), CONTACT_SAMPLES)).mean(axis=1)
+        shares = sample_apart(scene, draw_configurations(self._ranges(), CONTACT_SAMPLES)).mean(axis=1)
         labels = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
         reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         reasons |= {self._names(pair): label for pair, label in zip(moving, labels, strict=True)}
@@ -280,7 +280,7 @@ class Arm:
         """Return the link names of a pair of indices."""
         return sort_pair(self.links[pair[0]].name, self.links[pair[1]].name)
 
-    def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
+    def _ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Return the limits of the joints.
 
         Joints without limits get half a turn around the configurations, shape (n, dof).
@@ -289,7 +289,7 @@ class Arm:
         low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
         return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
 
-    def check_limits(self, q: Floats, name: str) -> None:
+    def _check_limits(self, q: Floats, name: str) -> None:
         """Raise ConfigurationError if a joint exceeds a limit by more than :data:`LIMIT_SLACK`.
 
         ``q`` are configurations, shape (..., dof).
@@ -306,7 +306,7 @@ class Arm:
                 value=value,
             )
 
-    def clamp(self, q: Floats) -> Floats:
+    def _clamp(self, q: Floats) -> Floats:
         """Clamp configurations, shape (..., dof), to the limits."""
         return np.asarray(q.clip(self.lower, self.upper))
 
@@ -439,7 +439,7 @@ class _Assembly:
             return replace(arm, allowed_collisions=self._default_allowed(arm))
         from cspace.files.urdf import read_srdf
 
-        read, start = read_srdf(srdf, self._urdf), arm.clamp(np.zeros(arm.dof)).tolist()
+        read, start = read_srdf(srdf, self._urdf), arm._clamp(np.zeros(arm.dof)).tolist()
         return replace(
             arm,
             allowed_collisions=read.allowed,
@@ -470,7 +470,7 @@ class _Assembly:
                 allowed.setdefault(sort_pair(link.name, other), "adjacent")
         pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in allowed]
         scene = make_scene(arm.chain, arm.links, pairs)
-        touching = always_touch(scene, draw_configurations(arm.ranges(), 100))
+        touching = always_touch(scene, draw_configurations(arm._ranges(), 100))
         return allowed | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
 
     def _fixed_pose(self, joint: Joint) -> Floats:

@@ -416,7 +416,7 @@ def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
     check_memory(_BYTES_PER_CELL * grid.size, name, grid, hint="cut it to what the arm reaches")
-    held = obstacle.in_memory()
+    held = obstacle._in_memory()
     if not held.outer.any():
         return None
     bitmaps = held.outer, held.inner if held.unknown is None else held.inner & ~held.unknown

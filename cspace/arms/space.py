@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.chain import FIXED, REVOLUTE, body_poses
 from cspace.arms.hulls import node_corners
-from cspace.arms.model import CONTACT_SAMPLES, Arm, always_touch, draw_configurations, sort_pair
+from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, always_touch, draw_configurations, sort_pair
 from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free, pair_distances
 from cspace.arms.solids import (
     PosedShape,
@@ -139,7 +139,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """Raise ConfigurationError if an obstacle touches a link that no joint moves."""
         scene, q = self._outer_scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
         if not are_free(scene, q, q)[0]:
-            link, obstacle, *_ = self.contact(scene, q)
+            link, obstacle, *_ = self._contact(scene, q)
             raise ConfigurationError(
                 link,
                 f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
@@ -165,9 +165,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
         """Yield the names of pairs that touch in all random configurations."""
-        scene, points = self._outer_scene._replace(pairs=pairs), draw_configurations(self.arm.ranges(), CONTACT_SAMPLES)
+        scene, points = (
+            self._outer_scene._replace(pairs=pairs),
+            draw_configurations(self.arm._ranges(), CONTACT_SAMPLES),
+        )
         for pair in pairs[always_touch(scene, points)]:
-            yield self.contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
+            yield self._contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
 
     def __repr__(self) -> str:
         """Return the arm and the number of joints and obstacles."""
@@ -197,15 +200,24 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return tuple(circles.tolist())
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """Return a fast ``is_free`` of floats, ``check(*q)``; see :meth:`cspace.CSpace.point_checker`."""
+        """Return a fast ``is_free`` of floats, ``check(*q)``; see :meth:`cspace.CSpace.point_checker`.
+
+        Beyond the limits it returns False.
+        """
         check = self.edge_checker()
         return lambda *q: check(*q, *q)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """Return a fast ``motion_is_free`` of floats, ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`."""
+        """Return a fast ``motion_is_free`` of floats, ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`.
+
+        Beyond the limits it returns False.
+        """
         scene, size, local = self._outer_scene, self.size, threading.local()
+        lower, upper = ((self.arm.lower - LIMIT_SLACK).tolist() * 2, (self.arm.upper + LIMIT_SLACK).tolist() * 2)
 
         def check(*endpoints: float) -> bool:
+            if not all(low <= x <= high for low, x, high in zip(lower, endpoints, upper, strict=True)):
+                return False
             try:
                 scratch, out = local.scratch
             except AttributeError:  # the first call of a thread
@@ -280,9 +292,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             raise InputError("q", f"has shape {point.shape}", "it must be one configuration", "pass one", value=q)
         if not len(self._outer_scene.pairs):
             raise InputError("obstacles", "are none", "there is nothing to touch", "add an obstacle")
-        return self.contact(self._outer_scene, point[np.newaxis])
+        return self._contact(self._outer_scene, point[np.newaxis])
 
-    def contact(self, scene: Scene, points: Floats) -> Contact:
+    def _contact(self, scene: Scene, points: Floats) -> Contact:
         """Return the pair of a scene nearest to touching.
 
         The configuration has shape (1, dof).
@@ -336,7 +348,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
         count = 1 if n is None else check_count(n, "n")
-        generator, ranges = check_rng(rng), self.arm.ranges()
+        generator, ranges = check_rng(rng), self.arm._ranges()
         batches, tried = [np.empty((0, self.arm.dof))], 0
         while (count_drawn := sum(map(len, batches))) < count:
             points = generator.uniform(*ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.arm.dof))
@@ -405,7 +417,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 rule = f"it must be one configuration of {self.size} numbers" + " or rows of them" * (name == "q1")
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
         seconds = check_positive(time_limit, "time_limit", "seconds")
-        start, goals = self.arm.clamp(start), self.arm.clamp(goals)
+        start, goals = self.arm._clamp(start), self.arm._clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
         free = are_free(self._outer_scene, endpoints, endpoints)
@@ -413,7 +425,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             if not good:
                 raise collision_error(self, q, name)
         images, rng = images[free[1:]], np.random.default_rng(seed)
-        ranges = self.arm.ranges(np.vstack([start, images]))
+        ranges = self.arm._ranges(np.vstack([start, images]))
         return search_path(self._outer_scene, ranges, start, images, rng, seconds, straight, self._spans)
 
     @property
@@ -535,7 +547,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         points = self.arm._check_configurations(q, name)
-        self.arm.check_limits(points, name)
+        self.arm._check_limits(points, name)
         return points
 
 

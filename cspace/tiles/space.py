@@ -85,22 +85,22 @@ class TiledCSpace(ConfigurationMap):
         self._tiles, self._labels = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, TiledLabels | None]
 
     @staticmethod
-    def holds(store: Store) -> bool:
+    def _holds(store: Store) -> bool:
         """Return True unless the map has periodic axes, overlap counts or an overlap field."""
         return "periodic_axes" not in store.metadata and not store.names.intersection(UNTILED)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
         """Open a stored map, complete or partial; see :func:`cspace.open`."""
-        return cls.of_store(Store.open(path), cache_bytes)
+        return cls._of_store(Store.open(path), cache_bytes)
 
     @classmethod
-    def of_store(cls, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
+    def _of_store(cls, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
         """Return the map of an open store, after a check of all files except tiles.
 
         Raises ConfigurationError if the map must be in memory, and FileError if a file is missing or damaged.
         """
-        if not cls.holds(store):
+        if not cls._holds(store):
             content = "periodic axes" if "periodic_axes" in store.metadata else "overlap counts or an overlap field"
             raise ConfigurationError(
                 "in_memory",

@@ -232,11 +232,12 @@ def test_motions_never_miss_a_thin_obstacle(tmp_path: Path, seed: int) -> None:
             assert empty.motion_is_free(q0, q1)
 
 
-def test_checkers_never_pass_nan(tmp_path):
+def test_checkers_never_pass_nan_nor_joints_beyond_a_limit(tmp_path: Path) -> None:
     space = build_arm_space({"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path)))
     check, q = space.edge_checker(), (0.0, 0.1)
     assert check(*q, *q) and space.point_checker()(*q)
-    for bad in ((np.nan, 0.1), (0.0, np.nan)):
+    beyond = float(space.arm.upper[0]) + 2e-5
+    for bad in ((np.nan, 0.1), (0.0, np.nan), (beyond, 0.1), (-beyond, 0.1)):
         assert not (check(*bad, *q) or check(*q, *bad) or space.point_checker()(*bad))
 
 

@@ -119,7 +119,7 @@ def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, d
         read = read_moveit_scene(scene(tmp_path, *objects))
         assert read.keys() == expected.keys()
         spaces = build_arm_space(read, arm), build_arm_space(expected, arm)
-        points = rng.uniform(*arm.ranges(), (300, arm.dof))
+        points = rng.uniform(*arm._ranges(), (300, arm.dof))
         states = [np.asarray(space.classify(points)) for space in spaces]
         assert (states[0] == states[1]).all() and len(set(states[0].tolist())) > 1
         assert spaces[0].is_free(each["start"]) == spaces[1].is_free(each["start"])

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 from ompl import util as ou
 
 import planners
-from cspace import MIXED, ConfigurationError, CSpace, InputError
+from cspace import MIXED, Arm, ConfigurationError, CSpace, InputError, Robot, build_arm_space
 from planners.states import kind_of
 from planning import ENDPOINTS, SPACES, edges, open_map, room, state_at, with_state
+from urdfs import planar
 
 NEAR = {
     "plane": [ENDPOINTS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],
@@ -120,6 +122,12 @@ def test_a_map_without_free_cells_has_no_samples() -> None:
     si = planners.simple_setup(with_state(np.full((3, 3), MIXED, dtype=np.uint8))).getSpaceInformation()
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         si.allocValidStateSampler().sample(si.allocState())
+
+
+def test_the_sampler_of_maps_refuses_the_space_of_an_arm(tmp_path: Path) -> None:
+    space = build_arm_space({"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path)))
+    with pytest.raises(InputError, match=r"space is a ArmSpace; it must be a CSpace; use ompl.base.Uniform"):
+        planners.FreeStateSampler(planners.simple_setup(space).getSpaceInformation(), space)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("wrong", [3, "seed", np.random.RandomState(0)])

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 import cspace
+import planners
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.cli.options import parse_configuration, parse_rotation_cells
@@ -126,6 +127,8 @@ def test_states_are_those_of_the_robot(space: CSpace) -> None:
 
 
 def test_messages_name_the_rotation(space: CSpace) -> None:
+    with pytest.raises(InputError, match=r"space has the axes x y z pitch; planners take .*space.find_path"):
+        planners.plan(space, *space.sample_free(2, np.random.default_rng(1)))
     with pytest.raises(InputError, match="a pitch small enough"):
         space.classify([0.5, 0.5, 0.5, np.inf])
     with pytest.raises(InputError, match="has the pitch 'up'"):
