@@ -163,9 +163,10 @@ class FreeStateSampler(ob.ValidStateSampler):
 
     def __init__(self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None) -> None:
         check_information(si, space)
-        if not isinstance(space, CSpace):
+        given: object = space
+        if not isinstance(given, CSpace):
             rule, hint = "it must be a CSpace", "use ompl.base.UniformValidStateSampler"
-            raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
+            raise InputError("space", f"is a {type(given).__name__}", rule, hint, value=given)
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind, self._rotations = kind_of(space), space.rotations
