@@ -1,4 +1,4 @@
-"""The command line, run in this process."""
+"""Runs of the command line in this process."""
 
 import json
 from functools import cache
@@ -18,9 +18,9 @@ def run(*arguments: object) -> Any:
 
 
 def document(*arguments: object, warning: str = "") -> dict[str, Any]:
-    """Return the JSON document of a successful command, with at most one warning.
+    """Return the JSON that a successful command prints.
 
-    The document is all that the command prints.
+    The command must print nothing else, except for a ``warning``.
     """
     result = run(*arguments, "--json")
     assert result.exit_code == 0, result.stderr or result.exception

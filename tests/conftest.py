@@ -26,7 +26,7 @@ if not WORKER:
 if WORKER:
     atexit.register(os._exit, 0)
 
-# There is a worker on each core, where a second thread of numpy's linear algebra would spin while it waits.
+# Each core has a worker; a second thread of numpy's linear algebra would spin while it waits.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Collecting tests makes millions of objects but hardly any garbage, and the garbage of compiling fits a worker.
@@ -41,7 +41,7 @@ settings.load_profile("cspace")
 # Hypothesis also draws constants from the source of the modules imported so far, which differ from worker to worker.
 providers._get_local_constants = lambda: providers._local_constants
 
-UNSHARED = ("spectral/test_bump.py", "exact/test_triangles.py")  # these compile no functions that builds of maps use
+UNSHARED = ("spectral/test_bump.py", "exact/test_triangles.py")  # they compile no functions that map builds use
 RUN_FIRST = (
     "cli/test_commands.py",
     *UNSHARED,
@@ -55,7 +55,7 @@ RUN_FIRST = (
     "test_update.py",
     "test_proofs.py",
 )
-"""Order of the tests, by the time that they compile or wait.
+"""Test files to run first, because they compile or wait longest.
 
 Two workers begin with tests that compile different functions; each finds the other's functions in the cache later.
 Tests that wait, for example for a browser, run while other tests remain.
@@ -70,7 +70,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Report only failures and calls from workers, unless durations are asked for.
+    """Report only failures and calls from workers, unless ``--durations`` is set.
 
     Otherwise half of the time for handing out tests goes into reporting successful fixtures.
     """
@@ -83,7 +83,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def pytest_collection_finish() -> None:
-    """Exclude modules, kernels and tests, which stay to the end, from garbage collection."""
+    """Exclude modules, kernels and tests from garbage collection, because they stay to the end."""
     gc.freeze()
 
 

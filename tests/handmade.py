@@ -1,4 +1,4 @@
-"""Handmade maps in every space, and slow, plain answers about their cells."""
+"""Handmade maps in every space, and slow, plain oracles for their cells."""
 
 import itertools
 from functools import cache
@@ -14,15 +14,12 @@ from cspace.map.exterior import Exterior
 from cspace.rotations import Rotations
 from strategies import seeds
 
-KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
+MAP_KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
 MIXTURE = (FREE, FREE, MIXED, BLOCKED)
 
 
 class Outside(NamedTuple):
-    """State of the cells outside the grid.
-
-    All have one state, except for a box ``(first cell, last cell)`` in which all are MIXED.
-    """
+    """State of the cells outside the grid: MIXED in a box ``(first cell, last cell)``, ``state`` elsewhere."""
 
     box: np.ndarray
     state: int
@@ -41,7 +38,7 @@ def point_robot(dim, turning, spacing):
 
 
 def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):
-    """Build a map of given states, for a robot that is nearly a point and shares no slices.
+    """Build a map of given states, for a nearly pointlike robot that shares no slices.
 
     ``outside`` is a policy, or an :class:`Outside` that need not belong to a robot.
     """
@@ -77,12 +74,12 @@ def make_map(states, kind, outside="free", spacing=0.25, rotations=None, lower=N
 
 
 def cells_per_axis(turns):
-    """Return the parts of an axis that give a number of quaternion cells."""
+    """Return the cells along an axis of ``turns`` quaternion cells."""
     return round((turns / 4) ** (1 / 3))
 
 
 def random_states(rng, kind, most=5, mixture=MIXTURE):
-    """Draw the states of a small map of a kind, shape (rotations, ...)."""
+    """Draw states of a small map of a kind, shape (rotations, ...)."""
     most = most if kind == "plane" else max(2, most - 1)
     turns = int(rng.choice([4, 32]) if "any way" in kind else rng.integers(1, 6)) if "turning" in kind else 1
     shape = rng.integers(1, min(most, 96 // turns) + 1, 3 if "space" in kind else 2)
@@ -90,18 +87,18 @@ def random_states(rng, kind, most=5, mixture=MIXTURE):
 
 
 def free_except(*cells, side=4, dim=3):
-    """Return states that are FREE except for some MIXED cells."""
+    """Return states that are FREE, except for MIXED ``cells``."""
     state = np.zeros((side,) * dim, dtype=np.uint8)
     for cell in cells:
         state[cell] = MIXED
     return state
 
 
-def fill_boxes(shape, *walls, but=()):
-    """Return cells that are occupied in some boxes, except for the cells of others."""
+def fill_boxes(shape, *boxes, but=()):
+    """Return obstacle cells: True in ``boxes`` of slices, except in the boxes ``but``."""
     cells = np.zeros(shape, dtype=bool)
-    for wall in walls:
-        cells[wall] = True
+    for box in boxes:
+        cells[box] = True
     for gap in but:
         cells[gap] = False
     return cells
@@ -109,14 +106,14 @@ def fill_boxes(shape, *walls, but=()):
 
 @st.composite
 def states(draw, side=5, mixture=(FREE, FREE, FREE, MIXED, BLOCKED), dims=(2, 3)):
-    """Draw arrays of states, shape (nx, ny) or (nx, ny, nz), also flat ones."""
+    """Draw arrays of states, shape (nx, ny) or (nx, ny, nz)."""
     shape = draw(st.tuples(*[st.integers(1, side)] * draw(st.sampled_from(dims))))
     return np.random.default_rng(draw(seeds)).choice(np.array(mixture, dtype=np.uint8), shape)
 
 
 @st.composite
 def outsides(draw, dim=3):
-    """Draw boxes outside the grid, which may contain, meet or miss the grid, or be empty."""
+    """Draw an exterior whose box contains, meets or misses the grid, or is empty."""
     first = draw(st.tuples(*[st.integers(-4, 4)] * dim))
     size = draw(st.tuples(*[st.integers(0, 9)] * dim))
     box = np.array([*first, *(low + n - 1 for low, n in zip(first, size, strict=True))])
@@ -132,7 +129,7 @@ def state_of(state, outside, cell):
 
 
 def cells_around(state, outside):
-    """Return the cells of the grid, of the box, and of a frame of one cell around them."""
+    """Yield the cells of grid and box, with a frame of one cell around both."""
     low, high = np.split(outside.box, 2)
     sides = zip(state.shape, low.tolist(), high.tolist(), strict=True)
     return itertools.product(*(range(min(a, 0) - 1, max(b + 1, n) + 1) for n, a, b in sides))
@@ -158,7 +155,7 @@ def configurations(space, q):
 
 @cache
 def rotation_neighbors(turns, kind):
-    """Return the neighbours of each rotation cell: rings of yaw, or quaternion cells a small step away."""
+    """Return the neighbours of each rotation cell, found by small steps for quaternions."""
     if "any way" not in kind:
         return [{(cell - 1) % turns, (cell + 1) % turns} for cell in range(turns)]
     cells, n, near = Rotations.quaternions(cells_per_axis(turns)), cells_per_axis(turns), []
@@ -182,13 +179,13 @@ def side_neighbors(cell, shape, kind=""):
 
 
 def half_turns(shape):
-    """Return the axes in space about which a half turn maps a shape to itself."""
+    """Return the axes about which a half turn maps a solid to itself."""
     turns = (2.0 * np.outer(axis, axis) - np.eye(3) for axis in np.eye(3))
     return tuple(k for k, turn in enumerate(turns) if any((turn == each).all() for each in shape.symmetries))
 
 
 def components(cells, kind=""):
-    """Label the components of the True cells of an array (rotations, ...); others are -1.
+    """Label the components of the True cells of an array (rotations, ...); others get -1.
 
     Cells are connected through sides.
     """

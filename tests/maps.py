@@ -1,4 +1,4 @@
-"""Maps of every kind to save, and checks of the maps that are read again."""
+"""Maps of every kind to save, and checks of maps that were opened."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ from cspace.errors import FileError
 from cspace.shapes import Balls, Mesh
 from handmade import fill_boxes
 
-SUFFIXES = [".zarr", ""]
+MAP_SUFFIXES = [".zarr", ""]
 
 
 def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
@@ -53,7 +53,7 @@ def files(path: Path) -> Iterator[Path]:
 
 
 def refused(path: Path, *texts: str) -> None:
-    """Fail unless opening ``path`` is an error that names it and contains ``texts``."""
+    """Fail unless opening ``path`` raises FileError with the path and ``texts``."""
     with pytest.raises(FileError) as caught:
         cspace.open(path)
     message = str(caught.value)
@@ -62,20 +62,20 @@ def refused(path: Path, *texts: str) -> None:
 
 
 def plane() -> cspace.CSpace:
-    """Build a room with a column: inner differs from outer, and there are overlaps and shapes."""
+    """Build a room with a column, with overlap counts, shapes, and inner unlike outer cells."""
     room = shapely.box(0, 0, 4, 3) - shapely.box(0.31, 0.32, 3.7, 2.68)
     workspace = cspace.Workspace.from_polygons([room, shapely.Point(2, 1.5).buffer(0.4)], 0.1)
     return cspace.build(workspace, cspace.Robot.disc(0.2), counts=True, margin=0.03)
 
 
 def grid() -> cspace.CSpace:
-    """Build a map from a grid, free outside: inner is outer, and there are no shapes."""
+    """Build a map from a bitmap with a free exterior, without shapes."""
     workspace = cspace.Workspace.from_array(np.eye(9, 7, dtype=bool), 0.1, lower=(-0.3, 0.7))
     return cspace.build(workspace, cspace.Robot.rectangle(0.25, 0.15), outside="free")
 
 
 def turning() -> cspace.CSpace:
-    """Build a map of a robot without symmetries, with rotation cells of different widths."""
+    """Build a map of an asymmetric robot with rotation cells of different widths."""
     workspace = cspace.Workspace.from_array(np.eye(12, 9, dtype=bool), 0.1)
     borders = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
     robot = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
@@ -83,13 +83,13 @@ def turning() -> cspace.CSpace:
 
 
 def symmetric() -> cspace.CSpace:
-    """Build a map of a rectangle about its center, whose rotation cells share slices in pairs."""
+    """Build a map whose rotation cells share slices in pairs."""
     workspace = cspace.Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, (-1, -1, 2, 2))
     return cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.2), rotations=8)
 
 
 def round_() -> cspace.CSpace:
-    """Build a map of a rotating disc, whose rotation cells share one slice."""
+    """Build a map whose rotation cells share one slice."""
     workspace = cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1)
     return cspace.build(workspace, cspace.Robot.disc(0.1), rotations=8)
 
@@ -110,7 +110,7 @@ def solid_turning() -> cspace.CSpace:
 
 
 def solid_free() -> cspace.CSpace:
-    """Build a map of a robot in space that rotates about any axis and shares slices."""
+    """Build a map of a robot that rotates about any axis and shares slices."""
     workspace = cspace.Workspace.from_array(fill_boxes((7, 6, 5), np.s_[3, 3]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
 
@@ -127,7 +127,7 @@ def field() -> cspace.CSpace:
     return space.with_overlap_field(FourierOverlap.of_shapes(balls, obstacles, swell=0.2))
 
 
-SPACES: dict[str, Callable[[], cspace.CSpace]] = {
+MAP_BUILDERS: dict[str, Callable[[], cspace.CSpace]] = {
     make.__name__.strip("_"): make
     for make in (plane, grid, turning, symmetric, round_, solid, solid_turning, solid_free, field)
 }

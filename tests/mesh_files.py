@@ -1,4 +1,4 @@
-"""Boxes to write to mesh files, and checks of the meshes that are read."""
+"""Meshes to build, write to files and read again."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,24 @@ CORNERS = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0
 QUADS = np.array([(4, 3, 2, 1), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]) - 1
 BOX = trimesh.Trimesh(CORNERS, np.concatenate([QUADS[:, :3], QUADS[:, [0, 2, 3]]]), process=False)
 FAR = np.array([10.0, 0.0, 0.0])
+TETRAHEDRON = np.eye(4, 3, -1), np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+"""Vertices and faces."""
+
+
+def make_box(low, high, inward=False):
+    """Return vertices and faces of an axis-aligned box."""
+    box = trimesh.creation.box()
+    vertices, faces = np.where(box.vertices > 0, high, low).astype(float), np.array(box.faces)
+    return vertices, faces[:, ::-1] if inward else faces
+
+
+def join_meshes(*parts):
+    """Join meshes, each given as vertices and faces."""
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    return (
+        np.concatenate([vertices for vertices, _ in parts]),
+        np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=False)]),
+    )
 
 
 def lines(keyword, rows, ending="\n"):

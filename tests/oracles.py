@@ -1,4 +1,4 @@
-"""Slow, plain implementations of the definitions, without code of the library; exact in the plane."""
+"""Slow, plain implementations of the definitions, without code of the library."""
 
 import math
 from fractions import Fraction
@@ -21,7 +21,7 @@ def exact(values):
 
 
 def units(values):
-    """Convert numbers to integers, exactly, because Python is faster with integers than with fractions."""
+    """Convert floats to integers exactly, because Python's fractions are slow."""
     parts = (float(value).as_integer_ratio() for value in values)
     return tuple(above * (FRACTION_DENOMINATOR // below) for above, below in parts)
 

@@ -6,10 +6,10 @@ from cspace.view import Viewer
 
 
 def node(viewer: Viewer, name: str) -> Any:
-    """Return the node of the scene with a name; None if there is none."""
+    """Return the scene node with a name, or None."""
     return viewer.server.scene.get_handle_by_name(name)
 
 
 def setting(control: Any, value: float) -> dict[str, Any]:
-    """Return the message of a browser that sets a control; its identifier is viser's own."""
+    """Return the message that a browser sends to set a control of viser."""
     return {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": {"value": value}}

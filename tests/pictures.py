@@ -1,4 +1,4 @@
-"""Contents of a figure: pixels, texts and the colours of the classes."""
+"""Contents of figures: pixels, texts, and colours of legend entries."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,23 +11,23 @@ from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.plot.artists import CLASSES
 from handmade import fill_boxes
 
-NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
+CLASS_NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
 COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}
 
 
 def block() -> Workspace:
-    """Return a walled workspace of 8 m by 5 m with an asymmetric block: x 5 to 6.5, y 1 to 2."""
+    """Return a walled workspace of 8 m by 5 m with a block: x 5 to 6.5, y 1 to 2."""
     sides = np.s_[[0, -1], :], np.s_[:, [0, -1]]
     return Workspace.from_array(fill_boxes((80, 50), *sides, np.s_[50:65, 10:20]), 0.1)
 
 
 def yard(robot: Robot) -> CSpace:
-    """Build the map of a rotating robot in that workspace."""
+    """Build the map of a rotating robot around the block."""
     return build(block(), robot, rotations=24)
 
 
 def rendered(ax: Any, *, arranged: bool = False) -> NDArray[np.uint8]:
-    """Return the pixels of a figure, shape (height, width, 3), first row at the bottom.
+    """Render a figure; return pixels, shape (height, width, 3), first row at the bottom.
 
     Unless ``arranged``, the layout is not computed, and legends and texts are hidden.
     """
@@ -70,17 +70,17 @@ def check_within(figure: Any, *boxes: Any) -> None:
 
 
 def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
-    """Return the legend entry of a cell with the given states at the shown yaws."""
+    """Return the legend entry of a cell with these states at the shown yaws."""
     best = min(states)
     if occupied:
         return "obstacle, free for the reference point" if best == FREE else "obstacle"
-    return "free at some rotations" if best == FREE and len(states) > 1 else NAMES[best]
+    return "free at some rotations" if best == FREE and len(states) > 1 else CLASS_NAMES[best]
 
 
 def check_cells(
     space: CSpace, ax: Any, image: NDArray[np.uint8], cells: NDArray[np.int64], rotations: Sequence[Any]
 ) -> set[str]:
-    """Check that cells of a plane map have the colours of their states; return their classes."""
+    """Check the colours of cells of a plane map; return their legend entries."""
     seen = set()
     for cell in cells:
         x, y = space.grid.center_of(cell)

@@ -7,7 +7,7 @@ from tests.soak.plane import Shape, frame, union_of_cells
 
 
 def draw_configurations(space, rng, n, far=False):
-    """Draw configurations in and around the grid, some on boundaries of cells, some far away."""
+    """Draw configurations in and around the grid, some on boundaries of cells."""
     low, high, dim = np.asarray(space.grid.lower), np.asarray(space.grid.upper), space.grid.dim
     q = rng.uniform(low - 0.3, high + 0.3, (n, dim))
     snapped = low + space.grid.spacing * np.rint((q - low) / space.grid.spacing)
@@ -26,7 +26,7 @@ def draw_configurations(space, rng, n, far=False):
 
 
 def draw_quaternions(rotations, rng, n):
-    """Draw unit quaternions anywhere and on or near boundaries, edges and corners of cells, of either sign."""
+    """Draw unit quaternions of either sign, many on or near boundaries of cells."""
     borders = np.asarray(rotations.borders)
     quotients = rng.choice(borders, (n, 3)) + rng.choice([0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-6, -1e-6], (n, 3))
     quotients = np.where(rng.random((n, 3)) < 0.5, quotients, np.tan(rng.uniform(-np.pi / 4, np.pi / 4, (n, 3))))
@@ -36,7 +36,7 @@ def draw_quaternions(rotations, rng, n):
 
 
 def obstacles_of(space):
-    """Return the closed obstacles as one geometry, with the exterior if it is blocked."""
+    """Unite the closed obstacles, and the exterior if it is blocked."""
     box = shapely.box(*space.grid.lower, *space.grid.upper)
     if space.workspace.shapes is None:
         parts = [union_of_cells(space.workspace.outer, space.grid)]
@@ -48,6 +48,6 @@ def obstacles_of(space):
 
 
 def collides(space, q, obstacles=None):
-    """Return True where a polygonal robot meets obstacles, by default those of its map."""
+    """Test if a polygonal robot meets obstacles, by default the obstacles of its map."""
     robot = Shape([space.robot.geometry], np.empty((0, 2)), np.empty(0))
     return robot.meets([obstacles_of(space)] if obstacles is None else obstacles, q, 0.0)

@@ -1,4 +1,4 @@
-"""Maps to plan on in every space, and checks of every plan."""
+"""Maps to plan on in every space, and checks of plans."""
 
 import dataclasses
 import math
@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
 from handmade import fill_boxes, map_of
+from planners.local_planner import CURVES
 from planners.states import kind_of
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
@@ -30,14 +31,15 @@ ENDPOINTS: dict[str, tuple[Any, Any]] = {
 }
 """Start and goal in each room."""
 
-CAR = {"turning_radius": 0.4}
-ANYTIME = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
-"""Planners that improve their path until their time is over."""
+CAR: dict[str, Any] = {"turning_radius": 0.4}
+ANYTIME_PLANNERS = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
+"""Planners that improve their path until the time limit."""
 
+SPACES_WITH_CURVES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
+"""Each space with straight edges, and the plane with the curves of cars."""
 
-TURNS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
+FEW_ROTATIONS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
 """A few rotation cells for each space with rotations."""
-
 
 ROOMS: dict[str, Any] = {
     "plane": (fill_boxes((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
@@ -54,17 +56,23 @@ ROOMS: dict[str, Any] = {
         None,
     ),
 }
+"""Obstacle cells of 0.1 m, robot and rotation cells of each room."""
+
+
+def options_for(drive: str | None) -> dict[str, Any]:
+    """Return the options of a plan with a drive; a car gets its turning radius."""
+    return ({} if drive is None else {"drive": drive}) | (CAR if drive in CURVES else {})
 
 
 def compile_for(seconds: float) -> None:
-    """Take as long as numba might to compile a function of ours."""
+    """Pretend that numba compiles a function of the planners for some seconds."""
     with trigger_event("numba:compile", {"dispatcher": SimpleNamespace(py_func=planners.plan)}):
         time.sleep(seconds)
 
 
 @cache
 def room(name: str) -> CSpace:
-    """Build a room with walls across it, for a disc, a rotating rectangle, or a box in space."""
+    """Build the map of a room with walls across it."""
     cells, robot, rotations = ROOMS[name]
     return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
@@ -75,16 +83,16 @@ def open_map(name: str) -> CSpace:
     dim = 2 if name in ("plane", "turning") else 3
     workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
     robot = Robot.ball(0.1) if dim == 3 else Robot.disc(0.1)
-    return build(workspace, robot, outside="free", rotations=TURNS.get(name))
+    return build(workspace, robot, outside="free", rotations=FEW_ROTATIONS.get(name))
 
 
 def with_state(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
-    """Build a map of given cell states, whose first axis is the rotation if there are ``turns``."""
+    """Build a map of cell states, whose first axis is the rotation if ``turns`` is given."""
     return map_of(state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED)
 
 
 def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
-    """Build two free halves with a wall of another state; return a configuration in each."""
+    """Build two FREE halves and a wall between; return a configuration in each half."""
     turns = {"turning": 12, "yawing": 12, "floating": Rotations.quaternions(2)}.get(name)
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
     state = np.full((len(Rotations.of(turns)), *cells), FREE, dtype=np.uint8)
@@ -94,29 +102,30 @@ def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
 
 
 def state_at(space: CSpace, si: Any, q: Any) -> Any:
-    """Return an OMPL state."""
+    """Return the OMPL state of a configuration."""
     state = si.allocState()
     kind_of(space).write(state, *map(float, q))
     return state
 
 
-def configurations(space: CSpace, n: int, seed: int) -> np.ndarray:
-    """Draw random configurations in and around a map, and corners of its cells."""
+def draw_around(space: CSpace, n: int, seed: int) -> np.ndarray:
+    """Draw configurations in and around a map, some on corners of cells."""
     rng = np.random.default_rng(seed)
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
     corners = lower + space.grid.spacing * rng.integers(0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim))
     q = np.concatenate([rng.uniform(lower - 0.2, upper + 0.2, (n, space.grid.dim)), corners])
-    return usable(space, np.column_stack([q, rng.uniform(-math.pi, math.pi, (len(q), space.size - space.grid.dim))]))
+    angles = rng.uniform(-math.pi, math.pi, (len(q), space.size - space.grid.dim))
+    return wrap_rotations(space, np.column_stack([q, angles]))
 
 
 def edges_from(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Draw FREE configurations, and others near them."""
+    """Draw FREE configurations, and a configuration near each."""
     rng = np.random.default_rng(seed)
     starts = space.sample_free(n, rng)
-    return usable(space, starts), usable(space, starts + rng.uniform(-reach, reach, starts.shape))
+    return wrap_rotations(space, starts), wrap_rotations(space, starts + rng.uniform(-reach, reach, starts.shape))
 
 
-def usable(space: CSpace, q: np.ndarray) -> np.ndarray:
+def wrap_rotations(space: CSpace, q: np.ndarray) -> np.ndarray:
     """Wrap the yaws of configurations to [-pi, pi), and normalise their quaternions."""
     turns = q[:, space.grid.dim :]
     if "qw" in space.axes:
@@ -124,14 +133,16 @@ def usable(space: CSpace, q: np.ndarray) -> np.ndarray:
     return np.column_stack([q[:, : space.grid.dim], turns if "qw" in space.axes else turn_between(0.0, turns)])
 
 
-def edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return configurations at ``shares`` of a straight edge, and its total rotation in radians."""
-    points, angles = edges(space, first[None], last[None], shares)
+def along_edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return configurations at ``shares`` of an edge, and its rotation in radians."""
+    points, angles = along_edges(space, first[None], last[None], shares)
     return points[0], float(angles[0])
 
 
-def edges(space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same for many edges, shapes (n, shares, size) and (n,)."""
+def along_edges(
+    space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return configurations (n, shares, size) along straight edges, and rotations (n,) in radians."""
     dim = space.grid.dim
     places = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
     if "qw" in space.axes:
@@ -151,8 +162,8 @@ def turn_between(first: Any, second: Any) -> Any:
 
 
 @cache
-def shut_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
-    """Return the corners of boundary cells that are not FREE, and a tree of their centers."""
+def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
+    """Return the lower corners of outermost cells that are not FREE, and a tree of their centers."""
     shut = space.cell_states != FREE
     border = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
     corners = np.array(space.grid.lower) + space.grid.spacing * border
@@ -160,8 +171,8 @@ def shut_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
 
 
 def least_distance(space: CSpace, points: np.ndarray) -> float:
-    """Return the distance of points in the grid to the nearest cell that is not FREE, or to the exterior."""
-    lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), shut_corners(space)
+    """Return the distance of points to the exterior or a cell that is not FREE."""
+    lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), boundary_corners(space)
     least = float(np.minimum(points - lower, upper - points).min())
     if len(corners):
         # The center of a cell is at most half a diagonal farther than the cell.
@@ -174,7 +185,7 @@ def least_distance(space: CSpace, points: np.ndarray) -> float:
 
 
 def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
-    """Return configurations on the arc that a car drives over a chord and an angle."""
+    """Return configurations on the arc with a chord and an angle."""
     angles = turn * along
     yaw = first[2] + angles
     if abs(turn) < 1e-9:
@@ -186,21 +197,30 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
     return np.column_stack([first[:2] + offsets, yaw])
 
 
+def plan_patiently(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
+    """Plan with growing time limits and new seeds until a path is found."""
+    for seed, limit in enumerate(limits, 1):
+        plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
+        if plan.solved:
+            break
+    return plan
+
+
 def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
-    """Check a solved plan by look-ups of single configurations."""
+    """Check a solved plan by look-ups of configurations."""
     dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
     assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
     for rows in (path, waypoints):
         assert rows.dtype == np.float64 and rows.shape[1:] == (space.size,) and not rows.flags.writeable
         both = np.array([start, goal], dtype=float)
         assert np.array_equal(rows[[0, -1], :dim], both[:, :dim])
-        assert (edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
+        assert (along_edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
     assert plan.axes == space.axes
     assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
     known = {tuple(row) for row in path.tolist()}
     assert all(tuple(row) in known for row in waypoints.tolist())
     along = np.linspace(0.0, 1.0, 20 if space.size > dim else 200)
-    straight, angles = edges(space, path[:-1], path[1:], along)
+    straight, angles = along_edges(space, path[:-1], path[1:], along)
     steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
     if plan.turning_radius is None:
         assert (plan.direction is None) == (plan.drive == "holonomic") and plan.length == pytest.approx(steps.sum())
@@ -229,13 +249,13 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     assert all(seconds >= 0.0 for seconds in dataclasses.astuple(plan.times))
 
 
-def check_none(space: CSpace, plan: planners.Plan) -> None:
-    """Check a plan that found nothing."""
+def check_failed(space: CSpace, plan: planners.Plan) -> None:
+    """Check a plan without a path."""
     assert not plan.solved and not plan.certified and plan.path.shape == plan.waypoints.shape == (0, space.size)
     assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
 
 
-def values(states: Any) -> list[float]:
+def bounds_of(states: Any) -> list[float]:
     """Return the bounds of a state space, all lower bounds first."""
     part = (
         states.getSubspace(0)

@@ -6,5 +6,5 @@ import pytest
 
 
 def refusals(names: str, *rows: tuple[Any, ...]) -> pytest.MarkDecorator:
-    """Parametrize a test by rows whose last value, part of the message, is the test id."""
+    """Parametrize a test by rows; the last value, part of the message, is the id."""
     return pytest.mark.parametrize(names, [pytest.param(*row, id=str(row[-1])) for row in rows])

@@ -47,26 +47,28 @@ def meet(one: Any, other: Any) -> bool:
 
 
 def apart(one: Any, others: Any) -> float:
-    """Return the minimum distance from any of others: zero if they meet, infinite without others."""
+    """Return the distance to the nearest of others: 0 if they meet, infinite without others."""
     return float(min((0.0 if meet(one, each) else fcl.distance(one, each) for each in others), default=np.inf))
 
 
 def within(low: Any, high: Any, sides: Any, at: Any, turn: Any) -> float:
-    """Return how far the corners of a box are inside bounds; negative if one is outside."""
+    """Return how far a box is inside bounds; negative if a corner is outside."""
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * sides @ np.transpose(turn) + at
     return float(np.minimum(corners - low, np.asarray(high) - corners).min())
 
 
 def turn_of(q: Any) -> Any:
-    """Return the rotation of a configuration in space: none, a yaw, or a quaternion."""
+    """Return the rotation of a configuration with a yaw, a quaternion or neither."""
     return Rotation.from_quat(q[3:]) if len(q) == 7 else Rotation.from_rotvec([0.0, 0.0, q[3] if len(q) > 3 else 0.0])
 
 
 class ArmOracle:
-    """Boxes of an arm's links, placed by yourdfpy, among fixed solids with names."""
+    """Boxes of an arm's links, placed by yourdfpy, among fixed solids with names.
+
+    Pairs of names in ``allowed`` may touch.
+    """
 
     def __init__(self, path: Path, arm: Arm, still: dict[str, list[Any]], allowed: Any) -> None:
-        """``allowed``: the pairs of names that may touch."""
         self._urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
         self._arm = arm
         parts = [(each.name, part) for each in arm.links for part in self._urdf.link_map[each.name].collisions]
@@ -79,7 +81,7 @@ class ArmOracle:
         self._reach = np.array([solid.radius for solid in self._solids])[self._pairs].sum(axis=1)
 
     def apart(self, q: Any) -> float:
-        """Return the minimum distance over all pairs that may not touch; zero in collision."""
+        """Return the minimum distance of pairs that may not touch; 0 in collision."""
         values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
         self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
         poses = {link: self._urdf.get_transform(link) for link in {link for link, *_ in self._parts}}
@@ -98,5 +100,5 @@ class ArmOracle:
 
 
 def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
-    """Draw configurations of an arm, within a turn for joints without limits."""
+    """Draw configurations of an arm, within one turn of joints without limits."""
     return rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))

@@ -11,7 +11,7 @@ from cspace import Robot
 
 seeds = st.integers(0, 2**32 - 1)
 ALIGNED_CELL_SIDE = 0.15
-"""Side, in metres, of cells that some solid robots are aligned with."""
+"""Side of the cells that some solid robots are aligned with, in metres."""
 
 spacings = st.sampled_from([0.05, 0.1, 0.25, 1.0, 0.37])
 
@@ -23,7 +23,7 @@ def bitmaps(side=12):
 
 @st.composite
 def stars(draw, radius=1.0):
-    """Draw the vertices of a star-shaped polygon, convex or not, anywhere relative to the reference point."""
+    """Draw the vertices of a star-shaped polygon near the reference point."""
     corners = draw(st.integers(3, 9))
     rng = np.random.default_rng(draw(seeds))
     gaps = rng.uniform(0.2, 1.0, corners)
@@ -77,7 +77,7 @@ def rotation_cells(draw, max_cells=12):
 
 @st.composite
 def solid_robots(draw, size=0.4):
-    """Draw solid robots of every kind except meshes, with their boxes and balls: (lower, upper, radius) each."""
+    """Draw solid robots except meshes, with their boxes and balls (lower, upper, radius)."""
     kind = draw(st.sampled_from(["ball", "box", "balls", "cells"]))
     rng = np.random.default_rng(draw(seeds))
     center = rng.uniform(-1, 1, 3) * size

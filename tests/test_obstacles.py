@@ -22,7 +22,7 @@ from cspace.shapes import Box, Shape, as_shape
 from maps import proven_paths
 from refusals import refusals
 from tests.soak.plane import placed
-from updates import BLOCK, SPACING, World, agree, check, checkers, room, worlds
+from updates import OBSTACLE, SPACING, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 
 CART = shapely.box(1.83, 1.33, 2.21, 1.72)
@@ -148,11 +148,11 @@ def test_updates_keep_added_obstacles() -> None:
     space, empty = room(), room()
     space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
     state = space.cell_states.copy()
-    assert space.update(BLOCK & False, (18, 13)).changed == 0  # there was nothing to clear
+    assert space.update(OBSTACLE & False, (18, 13)).changed == 0  # there was nothing to clear
     np.testing.assert_array_equal(space.cell_states, state)
-    space.update(BLOCK, (18, 13))
+    space.update(OBSTACLE, (18, 13))
     space.remove_obstacle("cart")
-    empty.update(BLOCK, (18, 13))
+    empty.update(OBSTACLE, (18, 13))
     np.testing.assert_array_equal(space.cell_states, empty.cell_states)
 
 
@@ -164,7 +164,7 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
     space.add_obstacle("cart", CART)
     cart = as_shape(CART).cells(workspace.grid)[0]
     np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
-    space.update(BLOCK, (0, 20))
+    space.update(OBSTACLE, (0, 20))
     unknown[:4, 20:24] = False
     np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
     space.remove_obstacle("cart")
@@ -284,7 +284,7 @@ def test_obstacles_accept_robots_and_specs() -> None:
     (None, CART, None, "non-empty"),
     ("cart", None, None, "a mesh is needed"),
     ("cart", 5, None, "a mesh is needed"),
-    ("cart", BLOCK, None, "their size must be given"),
+    ("cart", OBSTACLE, None, "their size must be given"),
     ("cart", shapely.Polygon(), None, "is empty"),
     ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
     ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "points need a radius; pass their radius, .* at least 3"),

@@ -22,7 +22,7 @@ from cspace.map.components import Components
 from handmade import fill_boxes
 from maps import proven_paths
 from refusals import refusals
-from updates import BLOCK, World, agree, check, checkers, room, worlds
+from updates import OBSTACLE, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ def test_updates_without_inner_cells_block_nothing(bare: bool, outside: str) -> 
     occupied[3:5, 3:20] = not bare
     workspace, options = Workspace.from_array(occupied, 0.1), {"inner": False, "outside": outside}
     space = cspace.build(workspace, Robot.disc(0.3), **options)
-    space.update(BLOCK, (20, 20))
+    space.update(OBSTACLE, (20, 20))
     occupied[20:24, 20:24] = True
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), **options)
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
@@ -96,7 +96,7 @@ def test_update_copies_read_only_states() -> None:
     given_state = made.cell_states
     assert not given_state.flags.writeable
     space = handmade.map_in(made.workspace, made.robot, given_state)
-    space.update(BLOCK, (18, 13))
+    space.update(OBSTACLE, (18, 13))
     assert not np.array_equal(space.cell_states, given_state)  # the array belongs to the other map
 
 
@@ -106,7 +106,7 @@ def test_update_copies_read_only_states() -> None:
 def test_update_returns_the_examined_box() -> None:
     space = room()
     before = space.cell_states.copy()
-    update = space.update(BLOCK, (18, 13))
+    update = space.update(OBSTACLE, (18, 13))
     reach = 4  # cells: three of the disc, and one more because the reference point may be anywhere in its cell
     assert update.occupied == 16
     assert (update.lower, update.upper) == ((18 - reach, 13 - reach), (22 + reach, 17 + reach))
@@ -119,7 +119,7 @@ def test_update_examines_only_differing_cells() -> None:
     space = room()
     cells = np.zeros((40, 30), dtype=bool)
     cells[18:22, 13:17] = True
-    assert space.update(cells, (0, 0)) == room().update(BLOCK, (18, 13))
+    assert space.update(cells, (0, 0)) == room().update(OBSTACLE, (18, 13))
     nothing = space.update(cells, (0, 0))
     assert (nothing.occupied, nothing.changed, nothing.lower, nothing.upper) == (0, 0, (0, 0), (0, 0))
 
@@ -127,13 +127,13 @@ def test_update_examines_only_differing_cells() -> None:
 def test_update_counts_cells_of_every_rotation() -> None:
     space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # four slices are stored
     before = space.cell_states.copy()
-    update = space.update(BLOCK, (18, 13))
+    update = space.update(OBSTACLE, (18, 13))
     assert update.changed == np.count_nonzero(space.cell_states != before)
 
 
 def test_a_robot_larger_than_the_map_changes_nothing() -> None:
     space = room(robot=Robot.disc(9.0))
-    update = space.update(BLOCK, (18, 13))
+    update = space.update(OBSTACLE, (18, 13))
     assert update.occupied == 16 and update.changed == 0 and update.lower == update.upper
     assert (space.cell_states == BLOCKED).all()
 
@@ -145,7 +145,7 @@ def test_update_leaves_the_workspace_and_its_other_maps_unchanged() -> None:
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     space, other = (cspace.build(workspace, Robot.disc(0.3)) for _ in range(2))
     state = other.cell_states.copy()
-    space.update(BLOCK, (18, 13))
+    space.update(OBSTACLE, (18, 13))
     assert not workspace.outer.any() and other.workspace is workspace
     np.testing.assert_array_equal(other.cell_states, state)
     assert space.workspace.outer.sum() == 16 and not space.workspace.outer.flags.writeable
@@ -154,10 +154,10 @@ def test_update_leaves_the_workspace_and_its_other_maps_unchanged() -> None:
 
 def test_later_updates_leave_maps_of_the_current_workspace_unchanged() -> None:
     space = cspace.build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
-    space.update(BLOCK, (18, 13))
+    space.update(OBSTACLE, (18, 13))
     other = cspace.build(space.workspace, Robot.disc(0.2))
     state, cells = other.cell_states.copy(), other.workspace.outer.copy()
-    space.update(~BLOCK, (18, 13))
+    space.update(~OBSTACLE, (18, 13))
     assert not space.workspace.outer.any() and (other.workspace.outer == cells).all() and cells.any()
     assert (other.cell_states == state).all() and not other.is_free((2.0, 1.5), exact=True)
 
@@ -167,7 +167,7 @@ def test_update_replaces_shapes_by_cells() -> None:
     space = cspace.build(workspace, Robot.disc(0.3))
     shown = space.point_checker(exact=True)
     assert shown(1.0, 1.63)  # the disc of 0.32 m itself
-    space.update(BLOCK, (30, 20))
+    space.update(OBSTACLE, (30, 20))
     assert workspace.shapes is not None and space.workspace.shapes is None
     cells = cspace.build(Workspace.from_array(space.workspace.outer, 0.1, inner=space.workspace.inner), Robot.disc(0.3))
     q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
@@ -188,9 +188,9 @@ def test_ompl_queries_the_updated_map(rotations: int | None) -> None:
         inside.setXY(2.0, 1.5)
         inside.setYaw(0.1)
     assert si.isValid(inside)
-    space.update(BLOCK, (18, 13))
+    space.update(OBSTACLE, (18, 13))
     assert not si.isValid(inside)
-    space.update(~BLOCK, (18, 13))
+    space.update(~OBSTACLE, (18, 13))
     assert si.isValid(inside)
 
 
@@ -223,21 +223,21 @@ def test_plans_follow_a_door_that_closes_and_opens() -> None:
 
 @refusals(
     "cells, lower, inner, message",
-    (BLOCK, (38, 0), None, "must lie in the grid"),
-    (BLOCK, (-1, 0), None, "must lie in the grid"),
+    (OBSTACLE, (38, 0), None, "must lie in the grid"),
+    (OBSTACLE, (-1, 0), None, "must lie in the grid"),
     (np.ones((41, 2), dtype=bool), (0, 0), None, "must lie in the grid"),
-    (BLOCK, (1.0, 2.0), None, "must be 2 integers"),
-    (BLOCK, (1, 2, 3), None, "must be 2 integers"),
-    (BLOCK, 3, None, "must be 2 integers"),
-    (BLOCK, None, None, "must be 2 integers"),
+    (OBSTACLE, (1.0, 2.0), None, "must be 2 integers"),
+    (OBSTACLE, (1, 2, 3), None, "must be 2 integers"),
+    (OBSTACLE, 3, None, "must be 2 integers"),
+    (OBSTACLE, None, None, "must be 2 integers"),
     (np.ones((2, 2, 2), dtype=bool), (0, 0), None, "3 axes"),
     (np.ones(3, dtype=bool), (0, 0), None, "two or three axes"),
     (np.ones((0, 3), dtype=bool), (0, 0), None, "at least one cell"),
     (np.full((2, 2), 0.5), (0, 0), None, "must be boolean"),
     (np.full((2, 2), 2), (0, 0), None, "must be 0 or 1"),
-    (np.ma.masked_array(BLOCK, mask=BLOCK), (0, 0), None, "mask"),
-    (BLOCK, (0, 0), np.ones((4, 3), dtype=bool), "they must be equal"),
-    (~BLOCK, (0, 0), BLOCK, "which is not in cells"),
+    (np.ma.masked_array(OBSTACLE, mask=OBSTACLE), (0, 0), None, "mask"),
+    (OBSTACLE, (0, 0), np.ones((4, 3), dtype=bool), "they must be equal"),
+    (~OBSTACLE, (0, 0), OBSTACLE, "which is not in cells"),
 )
 def test_rejected_updates_change_nothing(cells, lower, inner, message) -> None:
     space = room()
@@ -246,7 +246,7 @@ def test_rejected_updates_change_nothing(cells, lower, inner, message) -> None:
         space.update(cells, lower, inner=inner)
     assert space.workspace is workspace and not workspace.outer.any()
     np.testing.assert_array_equal(space.cell_states, state)
-    space.update(BLOCK, (18, 13))
+    space.update(OBSTACLE, (18, 13))
     held = space.workspace.outer.copy(), space.cell_states.copy()
     with pytest.raises(InputError, match=message):
         space.update(cells, lower, inner=inner)
@@ -256,12 +256,12 @@ def test_rejected_updates_change_nothing(cells, lower, inner, message) -> None:
 
 def test_update_accepts_cells_of_any_type() -> None:
     expected = room()
-    expected.update(BLOCK, (18, 13))
+    expected.update(OBSTACLE, (18, 13))
     odd = np.full((4, 4), 2, dtype=np.uint8).view(np.bool_)  # true, but not 1
     turned = np.asfortranarray(np.ones((8, 8), dtype=bool))[::2, ::2]
-    frozen = BLOCK.copy()
+    frozen = OBSTACLE.copy()
     frozen.setflags(write=False)
-    for cells in (BLOCK.astype(int), BLOCK.tolist(), odd, turned, frozen):
+    for cells in (OBSTACLE.astype(int), OBSTACLE.tolist(), odd, turned, frozen):
         for lower in ((18, 13), [18, 13], np.array([18, 13]), (np.int32(18), 13)):
             space = room()
             space.update(cells, lower)
@@ -322,7 +322,7 @@ def test_an_update_interrupted_between_batches_of_slices_is_completed(
 
     monkeypatch.setattr(Correlation, "fill", interrupt)
     try:
-        space.update(BLOCK, (18, 13))
+        space.update(OBSTACLE, (18, 13))
     except KeyboardInterrupt:
         assert number < 5
     monkeypatch.setattr(Correlation, "fill", fill)
@@ -342,10 +342,10 @@ def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: py
     with monkeypatch.context() as patched:
         patched.setattr(Correlation, "fill", fail)
         with pytest.raises(MemoryError):
-            space.update(BLOCK, (18, 13))
+            space.update(OBSTACLE, (18, 13))
     assert not space.workspace.outer.any()
     np.testing.assert_array_equal(space.cell_states, room().cell_states)
-    assert space.update(BLOCK, (18, 13)).occupied == 16
+    assert space.update(OBSTACLE, (18, 13)).occupied == 16
 
 
 # ---- threads ---------------------------------------------------------------------------------------------------------
@@ -366,7 +366,7 @@ def test_updates_from_threads_wait_for_each_other() -> None:
 
     def put(own: list[tuple[int, int]]) -> None:
         for place in own:
-            space.update(BLOCK, place)
+            space.update(OBSTACLE, place)
 
     while_two_ask(ask, [partial(put, places[::2]), partial(put, places[1::2])])
     occupied = np.zeros((40, 30), dtype=bool)
@@ -383,7 +383,7 @@ def test_updates_from_threads_wait_for_each_other() -> None:
 def test_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Updates wait for saves, so states and obstacles in a file agree."""
     space = room()
-    changing = threading.Thread(target=lambda: space.update(BLOCK, (10, 10)))
+    changing = threading.Thread(target=lambda: space.update(OBSTACLE, (10, 10)))
     module: Any = np if name == "map.npz" else images
     step = "savez_compressed" if name == "map.npz" else "check_suffix"
     begun = getattr(module, step)

@@ -1,4 +1,4 @@
-"""Streams of changes of a workspace, and checks of maps that follow them."""
+"""Streams of changes to a workspace, and checks of maps that follow them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import FREE, CSpace, Robot, Rotations, Workspace
-from handmade import KINDS
+from handmade import MAP_KINDS
 from strategies import seeds
 
 SPACING = 0.5
-BLOCK = np.ones((4, 4), dtype=bool)
+OBSTACLE = np.ones((4, 4), dtype=bool)
 
 
 def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
@@ -46,7 +46,7 @@ class World:
         return cspace.build(self.workspace(), self.robot, **self.options)
 
     def patch(self) -> tuple[NDArray[np.bool_], list[int], NDArray[np.bool_] | None]:
-        """Draw a box of new cells, often in a corner, sometimes the whole map, and apply it here."""
+        """Draw new cells of a box, often in a corner or the whole map, and apply them."""
         rng, shape = self.rng, self.outer.shape
         most = [n if rng.random() < 0.1 else min(n, 8) for n in shape]
         size = [int(rng.integers(1, n + 1)) for n in most]
@@ -58,7 +58,7 @@ class World:
         return cells, lower, inner
 
     def stream(self, space: CSpace, steps: int) -> Iterator[cspace.CSpace]:
-        """Update a map step by step, and yield a fresh build after each step."""
+        """Update a map step by step; yield a fresh build after each step."""
         for _ in range(steps):
             cells, lower, inner = self.patch()
             space.update(cells, lower, inner=inner)
@@ -73,7 +73,7 @@ class World:
         return self.configurations(np.column_stack([q, self.rng.uniform(-9.0, 9.0, (n, len(self.turns.names)))]))
 
     def near(self, q: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-        """Return configurations at a fraction of the way to others."""
+        """Return configurations at a ``share`` of the way to random configurations."""
         return self.configurations(q + share * (self.points(len(q)) - q))
 
     def configurations(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -84,7 +84,7 @@ class World:
 
 
 @st.composite
-def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
+def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = MAP_KINDS) -> World:
     """Draw maps of every kind; robots from one cell to larger than the map."""
     kind, rng = draw(st.sampled_from(kinds)), np.random.default_rng(draw(seeds))
     dim = 3 if "space" in kind else 2
@@ -143,7 +143,7 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
 
 
 def checkers(space: CSpace, exact: bool = False) -> list[Any]:
-    """Return point and edge checkers and, unless ``exact``, clearance checkers."""
+    """Return point and edge checkers, and a clearance checker unless ``exact``."""
     options = {"exact": True} if exact else {}
     made: list[Any] = [space.point_checker(**options), space.edge_checker(**options)]
     return made if exact else [*made, space.clearance_checker()]

@@ -5,14 +5,17 @@ from typing import Any
 
 import numpy as np
 
+from cspace import Robot
+from cspace.arms import PosedShape
+
 
 def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
-    """Write a link of boxes, each given by its sides and its center."""
+    """Write a link of boxes, given by their sides and centers."""
     return f'<link name="{name}">{"".join(collision("box", *each) for each in boxes)}{extra}</link>'
 
 
 def collision(kind: str, sizes: Any, at: Any, rpy: Any = (0, 0, 0)) -> str:
-    """Write a solid of a link: a box by its sides, or a cylinder or sphere by its measures."""
+    """Write a box with some sides, or a cylinder or sphere with a radius and length."""
     values = zip(("radius", "length"), sizes, strict=False)
     measures = f'size="{_text(sizes)}"' if kind == "box" else " ".join(f'{key}="{value}"' for key, value in values)
     origin = f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/>'
@@ -45,7 +48,7 @@ def written(folder: Path, *parts: str) -> Path:
 
 
 def planar(folder: Path, **changes: Any) -> Path:
-    """Write an arm of two links of 1 m by 0.1 m in the plane z = 0, on a small foot."""
+    """Write an arm of two links of 1 m by 0.1 m in the plane z = 0."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     return written(
         folder,
@@ -57,8 +60,15 @@ def planar(folder: Path, **changes: Any) -> Path:
     )
 
 
+def post() -> PosedShape:
+    """Return a post beside a planar arm, which only the folded arm passes."""
+    pose = np.eye(4)
+    pose[:2, 3] = 1.55, 0.6
+    return PosedShape(Robot.box((0.2, 0.2, 1.0)).shape, pose)
+
+
 def two_arms(folder: Path) -> Path:
-    """Write two arms of seven joints each, of bars of 0.2 m, on both sides of a column."""
+    """Write two arms of seven joints and 0.2 m bars beside a column."""
     bar, axes = ((0.2, 0.08, 0.08), (0.1, 0, 0)), ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0))
     parts = [link("column", ((0.2, 0.3, 1.0), (-0.1, 0, -0.2)))]
     for side, y in (("left", 0.3), ("right", -0.3)):
@@ -71,7 +81,7 @@ def two_arms(folder: Path) -> Path:
 
 
 def random_arm(folder: Path, seed: int) -> Path:
-    """Write an arm of four links of random boxes, on joints of all kinds with random axes.
+    """Write an arm with random joints and links of random boxes.
 
     The last joint mimics the first.
     """

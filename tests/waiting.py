@@ -17,7 +17,7 @@ def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
 
 
 def while_two_ask(ask: Callable[[], object], writers: Sequence[Callable[[], object]]) -> None:
-    """Run writers at once while two threads call ``ask`` repeatedly; raise any error."""
+    """Run writers in threads while two threads call ``ask``; raise any error."""
     done = threading.Event()
 
     def go_on() -> None:

@@ -1,4 +1,4 @@
-"""Files for the command line: workspaces of every kind, and a map of each space."""
+"""Files for the command line: workspaces of every kind and a map of each space."""
 
 from pathlib import Path
 
@@ -7,8 +7,7 @@ import pytest
 
 from commands import run
 
-# Two rooms of 1.2 m by 1.2 m by 0.8 m with a window between them, and a cupboard that is shut; cells of 0.1 m.
-CUBE = """v 0 0 0
+CUBE_OBJ = """v 0 0 0
 v 1 0 0
 v 1 1 0
 v 0 1 0
@@ -33,6 +32,10 @@ f 4 5 8
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write workspaces and maps of two rooms with a window between them and a closed cupboard.
+
+    The rooms are 1.2 m by 1.2 m by 0.8 m, with cells of 0.1 m.
+    """
     folder = tmp_path_factory.mktemp("files")
     occupied = np.zeros((25, 12, 8), dtype=bool)
     occupied[12] = True
@@ -43,34 +46,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.save(folder / "floor.npy", occupied[:, :, 2])
     rows = ["voxel 25 12 8", *(" ".join(map(str, index)) for index in np.argwhere(occupied).tolist())]
     (folder / "rooms.3dmap").write_text("\n".join(rows) + "\n")
-    (folder / "cube.obj").write_text(CUBE)
-    (folder / "open.obj").write_text(CUBE.rpartition("f ")[0])
+    (folder / "cube.obj").write_text(CUBE_OBJ)
+    (folder / "open.obj").write_text(CUBE_OBJ.rpartition("f ")[0])
     (folder / "cloud.xyz").write_text("0 0 0\n1 0 0\n1 2 0.5\n")
     (folder / "wall.wkt").write_text("POLYGON ((0 0, 1 0, 0 1, 0 0))")
-    space = ["map", folder / "rooms.npy", "--robot", "box:0.1x0.1x0.1", "--spacing", 0.1]
-    assert run(*space, "-o", folder / "space.zarr").exit_code == 0
-    turning = ["map", folder / "rooms.npy", "--robot", "box:0.06x0.04x0.06", "--spacing", 0.1, "--rotations", 4]
-    assert run(*turning, "-o", folder / "both.zarr").exit_code == 0
-    free = [
-        "map",
-        folder / "rooms.npy",
-        "--robot",
-        "box:0.06x0.04x0.06",
-        "--spacing",
-        0.1,
-        "--rotations",
-        "quaternions:2",
-    ]
-    assert run(*free, "-o", folder / "free.zarr").exit_code == 0
-    flat = ["map", folder / "floor.npy", "--robot", "rect:0.1x0.05", "--spacing", 0.1]
-    assert run(*flat, "-o", folder / "plane.zarr").exit_code == 0
-    assert run(*flat, "--rotations", 8, "-o", folder / "turning.zarr").exit_code == 0
+    for workspace, robot, rotations, name in (
+        ("rooms.npy", "box:0.1x0.1x0.1", (), "space.zarr"),
+        ("rooms.npy", "box:0.06x0.04x0.06", ("--rotations", 4), "both.zarr"),
+        ("rooms.npy", "box:0.06x0.04x0.06", ("--rotations", "quaternions:2"), "free.zarr"),
+        ("floor.npy", "rect:0.1x0.05", (), "plane.zarr"),
+        ("floor.npy", "rect:0.1x0.05", ("--rotations", 8), "turning.zarr"),
+    ):
+        command = ["map", folder / workspace, "--robot", robot, "--spacing", 0.1, *rotations, "-o", folder / name]
+        assert run(*command).exit_code == 0
     return folder
 
 
 @pytest.fixture
 def room(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder with links to the files."""
+    """Enter a folder with links to the files."""
     monkeypatch.chdir(tmp_path)
     for file in folder.iterdir():
         (tmp_path / file.name).symlink_to(file)

@@ -1,4 +1,4 @@
-"""Every command, on maps of each space: what it prints, what it writes, what it passes on."""
+"""Commands on maps of each space."""
 
 import json
 import math
@@ -27,7 +27,7 @@ from cspace.spectral import FourierOverlap
 from maps import same
 from refusals import refusals
 
-ENDPOINTS = {
+MAP_ENDPOINTS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),
     "turning.zarr": ("0.35,0.65,0", "2.15,0.95,90deg"),
     "space.zarr": ("0.35,0.65,0.45", "2.15,0.65,0.45"),
@@ -36,7 +36,7 @@ ENDPOINTS = {
 }
 Drawn = tuple[Any, str, dict[str, Any]]
 
-SHUT = {"plane.zarr": "2.35,0.15", "turning.zarr": "2.35,0.15,0", "space.zarr": "2.35,0.15,0.15"}
+UNREACHABLE = {"plane.zarr": "2.35,0.15", "turning.zarr": "2.35,0.15,0", "space.zarr": "2.35,0.15,0.15"}
 
 
 def spawn(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -108,7 +108,7 @@ def test_options_of_map_reach_the_build(room: Path) -> None:
 
 
 @pytest.mark.parametrize("robot", ["ball:0.1", "box:0.2x0.1x0.3", "cube.obj"])
-def test_map_takes_every_kind_of_robot_in_space(room: Path, robot: str) -> None:
+def test_map_accepts_every_kind_of_robot_in_space(room: Path, robot: str) -> None:
     printed = document("map", "rooms.3dmap", "--robot", robot, "-o", "new", "--outside", "free")
     assert printed["shape"] == [25, 12, 8]
     assert 0 < printed["cells"]["free"] < 2400
@@ -149,7 +149,7 @@ def test_warnings_name_options_in_one_line(room: Path) -> None:
 
 def test_info_describes_maps(room: Path) -> None:
     space, printed = cspace.open("turning.zarr"), document("info", "turning.zarr")
-    # A centered rectangle has each of its slices twice.
+    # The rotations of a centered rectangle share slices in pairs.
     assert (printed["rotations"], printed["slices"], printed["rotation_cell_deg"]) == (8, 4, 45.0)
     assert printed["memory_bytes"] == 4 * 300
     assert tuple(printed["cells"].values()) == tuple(np.bincount(space.cell_states.ravel(), minlength=3).tolist())
@@ -187,7 +187,7 @@ def test_info_counts_the_slices_of_a_robot(room: Path, robot: str | None, slices
     assert (printed["rotations"], printed["slices"]) == (72, slices)
     assert printed["memory"]["map_bytes"] == slices * 100 * 100
     rasters = printed["memory"]["needed_bytes"] - 2 * 10_000 - map_bytes((100, 100), slices)
-    assert 0 <= rasters < 36 * 10_000 and (rasters > 0) == (slices == 36)  # without a robot there are none
+    assert 0 <= rasters < 36 * 10_000 and (rasters > 0) == (slices == 36)  # only robots have rasters
     assert printed["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
 
 
@@ -202,7 +202,7 @@ def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyP
     printed = document("info", "wall.wkt", "--spacing", 2e-6, "--rotations", 72)["memory"]
     assert f"needs about {bytes_text(printed['needed_bytes'])}" in printed["problem"]
     assert "--rotations" not in printed["problem"]  # the workspace itself is too large
-    # The build refuses the same.
+    # The build refuses the same map.
     result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     assert "use a spacing of at least" in result.stderr
@@ -223,7 +223,7 @@ def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyP
 def test_info_shows_smaller_counts_of_a_truncated_text(
     room: Path, name: str, lines: list[str], key: str, upper: list[float]
 ) -> None:
-    """A text cut between two lines looks complete; only its counts differ."""
+    # A text cut between two lines looks complete; only its counts differ.
     Path(name).write_text("\n".join(lines))
     whole = document("info", name, warning="open" if name == "cut.obj" else "")
     Path(name).write_text("\n".join(lines[:-1]))
@@ -232,10 +232,10 @@ def test_info_shows_smaller_counts_of_a_truncated_text(
 
 
 def test_info_describes_cells_points_and_robots(room: Path) -> None:
-    taken = int(np.load("rooms.npy").sum())
+    occupied = int(np.load("rooms.npy").sum())
     for arguments, side in ((["rooms.3dmap"], 1.0), (["rooms.npy", "--spacing", 0.5], 0.5)):
         printed = document("info", *arguments)
-        assert printed["cells"] == {"occupied": taken, "free": 2400 - taken, "total": 2400}
+        assert printed["cells"] == {"occupied": occupied, "free": 2400 - occupied, "total": 2400}
         assert printed["extents_m"] == [25 * side, 12 * side, 8 * side]
     printed = document("info", "cloud.xyz", "--radius", 0.25)
     assert (printed["points"], printed["lower_m"], printed["upper_m"]) == (3, [-0.25] * 3, [1.25, 2.25, 0.75])
@@ -258,7 +258,7 @@ def test_info_describes_real_files(data: Path) -> None:
 
 @pytest.fixture(scope="module")
 def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with maps of two revolute joints, and of a revolute and a prismatic joint."""
+    """Build maps of two revolute joints, and of a revolute and a prismatic joint."""
     pytest.importorskip("yourdfpy")
     folder = tmp_path_factory.mktemp("joints")
     sliding = urdfs.joint("slide", "upper", "fore", at=(1, 0, 0), kind="prismatic", limits=(-0.4, 0.7))
@@ -377,7 +377,7 @@ def test_view_passes_marks_and_path_of_an_arm(arm_file: Path, tmp_path: Path, mo
     ],
     ids=["spacing", "srdf of a robot", "srdf of a map", "solid of a map", "solid of an arm", "start", "absent"],
 )
-def test_arm_commands_refuse_wrong_options(
+def test_arm_commands_refuse_invalid_options(
     arm_file: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str
 ) -> None:
     monkeypatch.chdir(arm_file.parent)
@@ -407,7 +407,7 @@ def test_plan_reads_degrees_and_reports_joint_units(joints: Path) -> None:
     ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start=90deg,0.2"),
     ("mixed", "0,20deg", "write e.g. --start=90deg,0.2"),
 )
-def test_plan_refuses_wrong_joint_values(joints: Path, file: str, start: str, message: str) -> None:
+def test_plan_refuses_invalid_joint_values(joints: Path, file: str, start: str, message: str) -> None:
     result = run("plan", joints / f"{file}.zarr", f"--start={start}", "--goal=0,0")
     assert result.exit_code == 2 and message in result.stderr
 
@@ -417,7 +417,7 @@ def test_plan_refuses_wrong_joint_values(joints: Path, file: str, start: str, me
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Drawn]:
-    """Map, name and options of each requested picture, which is not drawn."""
+    """Collect map, name and options of each picture instead of drawing it."""
     drawn: list[Drawn] = []
 
     def save(space: Any, file: Path, overwrite: bool = False, **options: Any) -> None:
@@ -432,9 +432,9 @@ def numbers(text: str) -> list[float]:
     return [math.radians(float(x[:-3])) if x.endswith("deg") else float(x) for x in text.split(",")]
 
 
-@pytest.mark.parametrize("file", ENDPOINTS)
+@pytest.mark.parametrize("file", MAP_ENDPOINTS)
 def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[Drawn]) -> None:
-    start, goal = ENDPOINTS[file]
+    start, goal = MAP_ENDPOINTS[file]
     printed = document(
         *("plan", file, "--start", start, "--goal", goal, "--seed", 1, "--time-limit", 5),
         *("-o", "path.csv", "-o", "path.json", "--picture", "path.png"),
@@ -459,9 +459,9 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[D
         np.testing.assert_array_equal(options["path"], path)
 
 
-@pytest.mark.parametrize("file", SHUT)
+@pytest.mark.parametrize("file", UNREACHABLE)
 def test_plan_reports_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]) -> None:
-    start, goal = ENDPOINTS[file][0], SHUT[file]
+    start, goal = MAP_ENDPOINTS[file][0], UNREACHABLE[file]
     result = run("plan", file, "--start", start, "--goal", goal, "-o", "p.csv", "--picture", "p.png", "--json")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     printed = json.loads(result.stdout)
@@ -474,9 +474,16 @@ def test_plan_reports_that_no_path_exists(room: Path, file: str, drawn: list[Dra
     assert options == {"path": None, "start": tuple(numbers(start)), "goal": tuple(numbers(goal))}
 
 
-def test_plan_suggests_options_when_time_runs_out(room: Path) -> None:
-    """The message says what is known and suggests options."""
-    common = ["plan", "turning.zarr", "--start", ENDPOINTS["turning.zarr"][0], "--goal", ENDPOINTS["turning.zarr"][1]]
+def test_plan_suggests_options_if_time_runs_out(room: Path) -> None:
+
+    common = [
+        "plan",
+        "turning.zarr",
+        "--start",
+        MAP_ENDPOINTS["turning.zarr"][0],
+        "--goal",
+        MAP_ENDPOINTS["turning.zarr"][1],
+    ]
     result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     assert "a path exists; try " in result.stderr
@@ -487,26 +494,31 @@ def test_plan_suggests_options_when_time_runs_out(room: Path) -> None:
 
 
 def test_plan_passes_options_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    heard: dict[str, Any] = {}
+    given_options: dict[str, Any] = {}
 
     def plan(space: Any, start: Any, goal: Any, **options: Any) -> Any:
-        heard.update(options, start=start, goal=goal)
+        given_options.update(options, start=start, goal=goal)
         raise InputError("enough")
 
     monkeypatch.setattr(planners, "plan", plan)
     arguments = ["plan", "turning.zarr", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
     assert run(*arguments, "--drive", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
-    assert (heard["drive"], heard["turning_radius"]) == ("reeds-shepp", 0.5)
+    assert (given_options["drive"], given_options["turning_radius"]) == ("reeds-shepp", 0.5)
     run(*arguments, "--exact")
-    assert heard["exact"] is True
-    assert (heard["start"], heard["goal"]) == ((1.0, 1.0, math.pi / 2), (-1.0, 1.0, -1.5))
-    heard.clear()
+    assert given_options["exact"] is True
+    assert (given_options["start"], given_options["goal"]) == ((1.0, 1.0, math.pi / 2), (-1.0, 1.0, -1.5))
+    given_options.clear()
     run(*arguments, "--objective", "clearance", "--planner", "PRM", "--no-simplify", "--seed", 3)
-    assert not {"exact", "turning_radius"} & set(heard)
-    assert [heard[name] for name in ("objective", "planner", "simplify", "seed")] == ["clearance", "PRM", False, 3]
+    assert not {"exact", "turning_radius"} & set(given_options)
+    assert [given_options[name] for name in ("objective", "planner", "simplify", "seed")] == [
+        "clearance",
+        "PRM",
+        False,
+        3,
+    ]
     for start in (["--start=-0.5,-0.25"], ["--start", "-0.5,-0.25"]):
         run("plan", "plane.zarr", *start, "--goal", "0.5,-.5")
-        assert (heard["start"], heard["goal"]) == ((-0.5, -0.25), (0.5, -0.5))
+        assert (given_options["start"], given_options["goal"]) == ((-0.5, -0.25), (0.5, -0.5))
 
 
 def test_plot_draws_car_paths(room: Path, drawn: list[Drawn], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -529,14 +541,16 @@ def test_plot_draws_car_paths(room: Path, drawn: list[Drawn], monkeypatch: pytes
 
 
 def test_plot_passes_options_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    heard: dict[str, Any] = {}
-    monkeypatch.setattr("cspace.plot.save_plot", lambda *_, **options: heard.update(options))
+    given_options: dict[str, Any] = {}
+    monkeypatch.setattr("cspace.plot.save_plot", lambda *_, **options: given_options.update(options))
 
     def passed(file: str, *options: str) -> dict[str, Any]:
-        heard.clear()
+        given_options.clear()
         document("plot", file, "-o", "map.png", *options)
         return {
-            name: value for name, value in heard.items() if name not in ("dpi", "robot_every") and value is not None
+            name: value
+            for name, value in given_options.items()
+            if name not in ("dpi", "robot_every") and value is not None
         }
 
     assert passed("plane.zarr") == {}
@@ -551,7 +565,7 @@ def test_plot_passes_options_to_the_picture(room: Path, monkeypatch: pytest.Monk
     scene = ["--view", "3d", "--surface", "free", "--cut", "0.5"]
     assert passed("space.zarr", *scene) == {"view": "3d", "surface": "free", "cut": 0.5}
     document("plot", "plane.zarr", "-o", "map.png", "--robot-every", 0.5, "--dpi", 60)
-    assert (heard["robot_every"], heard["dpi"]) == (0.5, 60)
+    assert (given_options["robot_every"], given_options["dpi"]) == (0.5, 60)
 
 
 def test_export_writes_every_format(room: Path) -> None:
@@ -571,7 +585,7 @@ def test_export_writes_every_format(room: Path) -> None:
 
 @pytest.mark.parametrize("turning", [False, True])
 def test_commands_keep_and_use_an_overlap_field(tmp_path: Path, turning: bool) -> None:
-    """``info`` reports it, ``export`` keeps it, and ``plan`` uses it."""
+    # ``info`` reports it, ``export`` keeps it, and ``plan`` uses it.
     pytest.importorskip("finufft")
     balls, obstacles = ([(0.0, 0.0), (0.15, 0.0)], 0.12), ([(1.0, 0.32)], 0.3)
     workspace = cspace.Workspace.from_balls(*obstacles, 0.05, bounds=(0.0, 0.0, 2.0, 1.6))
@@ -591,7 +605,7 @@ def test_commands_keep_and_use_an_overlap_field(tmp_path: Path, turning: bool) -
     same(carried, cspace.open(tmp_path / "copy.zarr"))
     endpoints = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
     asked = ["--start", endpoints[0], "--goal", endpoints[1], "--planner", "RRTstar", "--objective", "overlap"]
-    for limit in (0.1, 0.5, 2, 10):  # longer limits are for a busy machine
+    for limit in (0.1, 0.5, 2, 10):  # a busy machine needs the longer limits
         result = run("plan", tmp_path / "map.zarr", *asked, "--seed", 1, "--time-limit", limit, "--json")
         if result.exit_code == 0:
             break
@@ -627,7 +641,7 @@ def test_progress_line_needs_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_ctrl_c_ends_planning(room: Path) -> None:
-    """The search, which would take a minute, is interrupted."""
+    # The search would take a minute.
     code = (
         "import os, signal, sys, threading, time, planners\n"
         "from cspace.cli import main\n"
@@ -640,7 +654,7 @@ def test_ctrl_c_ends_planning(room: Path) -> None:
         "sys.argv[0] = 'cspace'\n"
         "main()\n"
     )
-    endpoints = ["--start", ENDPOINTS["turning.zarr"][0], "--goal", ENDPOINTS["turning.zarr"][1]]
+    endpoints = ["--start", MAP_ENDPOINTS["turning.zarr"][0], "--goal", MAP_ENDPOINTS["turning.zarr"][1]]
     arguments = ["plan", "turning.zarr", *endpoints, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
     done = spawn("-c", code, *arguments, cwd=room)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cspace: interrupted\n")

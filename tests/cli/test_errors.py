@@ -1,4 +1,4 @@
-"""Wrong input exits with code 2 and one line that names options, before any work, and writes nothing."""
+"""Refusals of the command line: exit code 2, one line with options, no files."""
 
 import os
 from pathlib import Path
@@ -8,104 +8,122 @@ import pytest
 
 from commands import run
 
-_FLAT = ["map", "floor.npy", "--robot", "disc:0.05", "--spacing", "0.1", "-o", "new.zarr"]
-_CELLS = ["map", "rooms.npy", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
-_MESH = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
-_PLAN = ["plan", "plane.zarr", "--start", "0.35,0.65", "--goal", "2.15,0.95"]
-_TURN = ["plan", "turning.zarr", "--start", "0.35,0.65,0", "--goal", "2.15,0.95,90deg"]
-_FLY = ["plan", "space.zarr", "--start", "0.35,0.65,0.45", "--goal", "2.15,0.65,0.45"]
-_PLOT = ["plot", "plane.zarr", "-o", "new.png"]
+_MAP_FLOOR = ["map", "floor.npy", "--robot", "disc:0.05", "--spacing", "0.1", "-o", "new.zarr"]
+_MAP_ROOMS = ["map", "rooms.npy", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
+_MAP_CUBE = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
+_PLAN_PLANE = ["plan", "plane.zarr", "--start", "0.35,0.65", "--goal", "2.15,0.95"]
+_PLAN_TURNING = ["plan", "turning.zarr", "--start", "0.35,0.65,0", "--goal", "2.15,0.95,90deg"]
+_PLAN_SPACE = ["plan", "space.zarr", "--start", "0.35,0.65,0.45", "--goal", "2.15,0.65,0.45"]
+_PLOT_PLANE = ["plot", "plane.zarr", "-o", "new.png"]
 
-BAD: dict[str, tuple[list[str], list[str]]] = {
+REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     # map
     "missing workspace": (["map", "absent.yaml", "--robot", "disc:1", "-o", "new.zarr"], ["absent.yaml"]),
     "unknown kind of workspace": (["map", "notes.doc", "--robot", "disc:1", "-o", "new.zarr"], [".doc", ".yaml"]),
-    "missing spacing": ([*_FLAT[:4], *_FLAT[6:]], ["--spacing", "missing", "floor.npy"]),
-    "missing spacing of a mesh": ([*_MESH[:4], *_MESH[6:]], ["--spacing", "missing", "cube.obj", "--spacing 0.05"]),
-    "negative spacing": ([*_FLAT, "--spacing", "-0.1"], ["--spacing is -0.1", "above zero"]),
-    "spacing that is not finite": ([*_FLAT, "--spacing", "nan"], ["--spacing is nan"]),
-    "negative margin": ([*_FLAT, "--margin", "-1"], ["--margin is -1"]),
-    "bad robot": ([*_FLAT, "--robot", "disk:0.3"], ["disk:0.3", "disc:RADIUS"]),
-    "bad radius": ([*_FLAT, "--robot", "disc:-1"], ["-1"]),
-    "box of two": ([*_CELLS, "--robot", "box:0.1x0.2"], ["box:0.1x0.2", "XxYxZ"]),
-    "missing robot file": ([*_FLAT, "--robot", "absent.wkt"], ["absent.wkt"]),
-    "robot without area": ([*_FLAT, "--robot", "line.wkt"], ["LineString", "Polygon"]),
-    "robot of the plane": ([*_CELLS, "--robot", "disc:0.1"], ["--robot", "2 dimensions", "rooms.npy has 3"]),
-    "robot of the plane, mesh": ([*_MESH, "--robot", "disc:0.1"], ["2 dimensions", "cube.obj has 3"]),
-    "robot of space": ([*_FLAT, "--robot", "ball:0.1"], ["3 dimensions", "floor.npy has 2", "footprint:ROBOT"]),
-    "no rotations": ([*_FLAT, "--rotations", "0"], ["--rotations is '0'", "above zero", "72"]),
-    "quaternions in the plane": ([*_FLAT, "--rotations", "quaternions:2"], ["by its yaw", "--rotations 72"]),
-    "robot's solid, no mesh": ([*_CELLS, "--robot-solid", "fill"], ["solid", "ball:0.1", ".stl"]),
-    "packages, no urdf": ([*_CELLS, "--package-dir", "."], ["--package-dir", "ball:0.1", ".urdf"]),
-    "solid, no mesh": ([*_CELLS, "--solid", "fill"], ["solid", "rooms.npy", "leave it out"]),
-    "radius, no points": ([*_MESH, "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
-    "radius below zero": (["map", "cloud.xyz", *_MESH[2:], "--radius", "-1"], ["-1"]),
-    "unknown, no sensor": ([*_MESH, "--unknown", "free"], ["unknown", "cube.obj", "leave it out"]),
-    "bounds of words": ([*_MESH, "--bounds", "here"], ["--bounds is 'here'", "or six"]),
-    "bounds reversed": ([*_MESH, "--bounds", "0,0,0,1,-1,1"], ["bounds", "must be above"]),
-    "bounds of the plane": ([*_MESH, "--bounds", "0,0,1,1"], ["bounds", "six numbers"]),
-    "bounds of voxels": ([*_CELLS, "--bounds", "0,0,0,1,1,1"], ["bounds", "rooms.npy", "leave it out"]),
-    "no mesh": (["map", "empty.stl", *_MESH[2:]], ["empty.stl"]),
-    "no octomap": (["map", "empty.bt", "--robot", "ball:0.1", "-o", "new.zarr"], ["empty.bt"]),
-    "absurd units": ([*_MESH, "--spacing", "1e-6"], ["memory", "spacing of at least"]),
-    "map as a workspace": (["map", "space.zarr", *_CELLS[2:]], ["space.zarr: holds no array", "not a saved map"]),
-    "map suffix": ([*_FLAT, "-o", "new.xyz"], ["new.xyz", ".zarr"]),
-    "map into an export": ([*_FLAT, "-o", "new.npz"], ["new.npz", ".zarr"]),
-    "map exists": ([*_FLAT, "-o", "plane.zarr"], ["plane.zarr: exists", "--overwrite"]),
-    "map in no folder": ([*_FLAT, "-o", "absent/new.zarr"], ["absent", "folder"]),
-    "map over something else": ([*_FLAT, "-o", "precious", "--overwrite"], ["precious", "another name"]),
+    "missing spacing": ([*_MAP_FLOOR[:4], *_MAP_FLOOR[6:]], ["--spacing", "missing", "floor.npy"]),
+    "missing spacing of a mesh": (
+        [*_MAP_CUBE[:4], *_MAP_CUBE[6:]],
+        ["--spacing", "missing", "cube.obj", "--spacing 0.05"],
+    ),
+    "negative spacing": ([*_MAP_FLOOR, "--spacing", "-0.1"], ["--spacing is -0.1", "above zero"]),
+    "spacing that is not finite": ([*_MAP_FLOOR, "--spacing", "nan"], ["--spacing is nan"]),
+    "negative margin": ([*_MAP_FLOOR, "--margin", "-1"], ["--margin is -1"]),
+    "bad robot": ([*_MAP_FLOOR, "--robot", "disk:0.3"], ["disk:0.3", "disc:RADIUS"]),
+    "bad radius": ([*_MAP_FLOOR, "--robot", "disc:-1"], ["-1"]),
+    "box of two": ([*_MAP_ROOMS, "--robot", "box:0.1x0.2"], ["box:0.1x0.2", "XxYxZ"]),
+    "missing robot file": ([*_MAP_FLOOR, "--robot", "absent.wkt"], ["absent.wkt"]),
+    "robot without area": ([*_MAP_FLOOR, "--robot", "line.wkt"], ["LineString", "Polygon"]),
+    "plane robot": ([*_MAP_ROOMS, "--robot", "disc:0.1"], ["--robot", "2 dimensions", "rooms.npy has 3"]),
+    "plane robot among meshes": ([*_MAP_CUBE, "--robot", "disc:0.1"], ["2 dimensions", "cube.obj has 3"]),
+    "solid robot in the plane": (
+        [*_MAP_FLOOR, "--robot", "ball:0.1"],
+        ["3 dimensions", "floor.npy has 2", "footprint:ROBOT"],
+    ),
+    "no rotations": ([*_MAP_FLOOR, "--rotations", "0"], ["--rotations is '0'", "above zero", "72"]),
+    "quaternions in the plane": ([*_MAP_FLOOR, "--rotations", "quaternions:2"], ["by its yaw", "--rotations 72"]),
+    "robot solid without mesh": ([*_MAP_ROOMS, "--robot-solid", "fill"], ["solid", "ball:0.1", ".stl"]),
+    "packages without URDF": ([*_MAP_ROOMS, "--package-dir", "."], ["--package-dir", "ball:0.1", ".urdf"]),
+    "solid without mesh": ([*_MAP_ROOMS, "--solid", "fill"], ["solid", "rooms.npy", "leave it out"]),
+    "radius without points": ([*_MAP_CUBE, "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
+    "radius below zero": (["map", "cloud.xyz", *_MAP_CUBE[2:], "--radius", "-1"], ["-1"]),
+    "unknown without sensor map": ([*_MAP_CUBE, "--unknown", "free"], ["unknown", "cube.obj", "leave it out"]),
+    "bounds of words": ([*_MAP_CUBE, "--bounds", "here"], ["--bounds is 'here'", "or six"]),
+    "bounds reversed": ([*_MAP_CUBE, "--bounds", "0,0,0,1,-1,1"], ["bounds", "must be above"]),
+    "bounds of the plane": ([*_MAP_CUBE, "--bounds", "0,0,1,1"], ["bounds", "six numbers"]),
+    "bounds of voxels": ([*_MAP_ROOMS, "--bounds", "0,0,0,1,1,1"], ["bounds", "rooms.npy", "leave it out"]),
+    "empty mesh": (["map", "empty.stl", *_MAP_CUBE[2:]], ["empty.stl"]),
+    "empty octomap": (["map", "empty.bt", "--robot", "ball:0.1", "-o", "new.zarr"], ["empty.bt"]),
+    "far too small spacing": ([*_MAP_CUBE, "--spacing", "1e-6"], ["memory", "spacing of at least"]),
+    "map as a workspace": (["map", "space.zarr", *_MAP_ROOMS[2:]], ["space.zarr: holds no array", "not a saved map"]),
+    "map suffix": ([*_MAP_FLOOR, "-o", "new.xyz"], ["new.xyz", ".zarr"]),
+    "map into an export": ([*_MAP_FLOOR, "-o", "new.npz"], ["new.npz", ".zarr"]),
+    "map exists": ([*_MAP_FLOOR, "-o", "plane.zarr"], ["plane.zarr: exists", "--overwrite"]),
+    "map in a missing folder": ([*_MAP_FLOOR, "-o", "absent/new.zarr"], ["absent", "folder"]),
+    "map over something else": ([*_MAP_FLOOR, "-o", "precious", "--overwrite"], ["precious", "another name"]),
     # plan
-    "missing map": (["plan", "absent.zarr", *_PLAN[2:]], ["absent.zarr", "does not exist"]),
-    "corrupt map": (["plan", "broken.zarr", *_PLAN[2:]], ["broken.zarr"]),
-    "not a map": (["plan", "wall.wkt", *_PLAN[2:]], ["wall.wkt", "not a saved map"]),
-    "unknown planner": ([*_PLAN, "--planner", "Dijkstra"], ["Dijkstra", "RRTConnect"]),
-    "start in collision": ([*_PLAN, "--start", "1.25,0.05"], ["start", "1.25", "BLOCKED"]),
-    "goal in collision": ([*_FLY, "--goal", "1.25,0.1,0.4"], ["goal", "BLOCKED"]),
-    "start outside": ([*_PLAN, "--start", "-5,0"], ["start", "-5", "outside"]),
-    "start of one number": ([*_PLAN, "--start", "5"], ["--start is '5'", "x,y, in metres", "e.g. --start=-1.5,2"]),
-    "start of three numbers": ([*_PLAN, "--start", "5,6,1"], ["--start is '5,6,1'", "configurations are x,y"]),
-    "start without a yaw": ([*_TURN, "--start", "1,1"], ["--start is '1,1'", "x,y,yaw", "--start=-1.5,2,90deg"]),
-    "start without z": ([*_FLY, "--start", "1,1"], ["--start is '1,1'", "x,y,z", "--start=-1.5,2,0.5"]),
-    "goal with a yaw": ([*_FLY, "--goal", "1,1,90deg"], ["--goal is '1,1,90deg'", "x,y,z"]),
-    "goal that is not finite": ([*_PLAN, "--goal", "nan,1"], ["--goal[0] is nan"]),
-    "degrees without a unit": ([*_TURN, "--start", "1,1,90"], ["--start has the yaw '90'", "90deg"]),
-    "yaw of words": ([*_TURN, "--goal", "1,1,north"], ["--goal has the yaw 'north'", "90deg"]),
-    "yaw that is infinite": ([*_TURN, "--start", "1,1,infdeg"], ["start", "inf"]),
-    "time limit": ([*_PLAN, "--time-limit", "-1"], ["--time-limit is -1"]),
-    "objective": ([*_PLAN, "--objective", "beauty"], ["--objective", "beauty", "length"]),
-    "negative total rotationius": ([*_TURN, "--drive", "dubins", "--turning-radius", "-1"], ["turning-radius is -1"]),
-    "curve without a radius": ([*_TURN, "--drive", "dubins"], ["--turning-radius is missing", "--drive dubins"]),
-    "radius without a curve": ([*_TURN, "--turning-radius", "1"], ["--turning-radius is 1", "--drive dubins"]),
+    "missing map": (["plan", "absent.zarr", *_PLAN_PLANE[2:]], ["absent.zarr", "does not exist"]),
+    "corrupt map": (["plan", "broken.zarr", *_PLAN_PLANE[2:]], ["broken.zarr"]),
+    "not a map": (["plan", "wall.wkt", *_PLAN_PLANE[2:]], ["wall.wkt", "not a saved map"]),
+    "unknown planner": ([*_PLAN_PLANE, "--planner", "Dijkstra"], ["Dijkstra", "RRTConnect"]),
+    "start in collision": ([*_PLAN_PLANE, "--start", "1.25,0.05"], ["start", "1.25", "BLOCKED"]),
+    "goal in collision": ([*_PLAN_SPACE, "--goal", "1.25,0.1,0.4"], ["goal", "BLOCKED"]),
+    "start outside": ([*_PLAN_PLANE, "--start", "-5,0"], ["start", "-5", "outside"]),
+    "start of one number": (
+        [*_PLAN_PLANE, "--start", "5"],
+        ["--start is '5'", "x,y, in metres", "e.g. --start=-1.5,2"],
+    ),
+    "start of three numbers": ([*_PLAN_PLANE, "--start", "5,6,1"], ["--start is '5,6,1'", "configurations are x,y"]),
+    "start without a yaw": (
+        [*_PLAN_TURNING, "--start", "1,1"],
+        ["--start is '1,1'", "x,y,yaw", "--start=-1.5,2,90deg"],
+    ),
+    "start without z": ([*_PLAN_SPACE, "--start", "1,1"], ["--start is '1,1'", "x,y,z", "--start=-1.5,2,0.5"]),
+    "goal with a yaw": ([*_PLAN_SPACE, "--goal", "1,1,90deg"], ["--goal is '1,1,90deg'", "x,y,z"]),
+    "goal that is not finite": ([*_PLAN_PLANE, "--goal", "nan,1"], ["--goal[0] is nan"]),
+    "degrees without a unit": ([*_PLAN_TURNING, "--start", "1,1,90"], ["--start has the yaw '90'", "90deg"]),
+    "yaw of words": ([*_PLAN_TURNING, "--goal", "1,1,north"], ["--goal has the yaw 'north'", "90deg"]),
+    "yaw that is infinite": ([*_PLAN_TURNING, "--start", "1,1,infdeg"], ["start", "inf"]),
+    "time limit": ([*_PLAN_PLANE, "--time-limit", "-1"], ["--time-limit is -1"]),
+    "objective": ([*_PLAN_PLANE, "--objective", "beauty"], ["--objective", "beauty", "length"]),
+    "negative radius of a curve": (
+        [*_PLAN_TURNING, "--drive", "dubins", "--turning-radius", "-1"],
+        ["turning-radius is -1"],
+    ),
+    "curve without a radius": (
+        [*_PLAN_TURNING, "--drive", "dubins"],
+        ["--turning-radius is missing", "--drive dubins"],
+    ),
+    "radius without a curve": ([*_PLAN_TURNING, "--turning-radius", "1"], ["--turning-radius is 1", "--drive dubins"]),
     "curve without rotations": (
-        [*_PLAN, "--drive", "dubins", "--turning-radius", "1"],
+        [*_PLAN_PLANE, "--drive", "dubins", "--turning-radius", "1"],
         ["--drive is 'dubins'", "(x, y)", "with rotations=72"],
     ),
-    "animation suffix": ([*_TURN, "--animate", "path.mp4"], ["path.mp4", ".gif"]),
-    "path suffix": ([*_PLAN, "-o", "path.txt"], ["path.txt", ".csv", ".json"]),
-    "path exists": ([*_PLAN, "-o", "notes.csv"], ["notes.csv: exists", "--overwrite"]),
-    "path twice": ([*_PLAN, "-o", "a.csv", "-o", "./a.csv"], ["twice"]),
-    "picture suffix": ([*_PLAN, "--picture", "path.gif"], ["path.gif", ".png"]),
+    "animation suffix": ([*_PLAN_TURNING, "--animate", "path.mp4"], ["path.mp4", ".gif"]),
+    "path suffix": ([*_PLAN_PLANE, "-o", "path.txt"], ["path.txt", ".csv", ".json"]),
+    "path exists": ([*_PLAN_PLANE, "-o", "notes.csv"], ["notes.csv: exists", "--overwrite"]),
+    "path twice": ([*_PLAN_PLANE, "-o", "a.csv", "-o", "./a.csv"], ["twice"]),
+    "picture suffix": ([*_PLAN_PLANE, "--picture", "path.gif"], ["path.gif", ".png"]),
     # plot and export
     "picture exists": (["plot", "plane.zarr", "-o", "old.png"], ["old.png: exists", "--overwrite"]),
-    "missing path": ([*_PLOT, "--path", "absent.csv"], ["absent.csv"]),
-    "not a path": ([*_PLOT, "--path", "notes.csv"], ["notes.csv: has no path", "x, y"]),
-    "empty path": ([*_PLOT, "--path", "empty.csv"], ["empty.csv", "at least one"]),
-    "not a JSON path": ([*_PLOT, "--path", "list.json"], ["list.json", "path"]),
-    "binary path": ([*_PLOT, "--path", "old.png"], ["old.png"]),
-    "ragged path": ([*_PLOT, "--path", "ragged.csv"], ["ragged.csv"]),
-    "path with yaws": ([*_PLOT, "--path", "yaws.csv"], ["yaws.csv: has x, y, yaw", "axes are x, y;"]),
-    "path of five": ([*_PLOT, "--path", "wide.json"], ["wide.json", "x, y"]),
-    "path of four": ([*_PLOT, "--path", "four.json"], ["four.json", "x, y"]),
-    "resolution": ([*_PLOT, "--dpi", "0"], ["--dpi is 0", "in pixels per inch\n"]),
-    "resolution beyond memory": ([*_PLOT, "--dpi", "100000"], ["--dpi is 100000", "at most 2,400"]),
-    "robots": ([*_PLOT, "--robot-every", "-1"], ["--robot-every is -1"]),
+    "missing path": ([*_PLOT_PLANE, "--path", "absent.csv"], ["absent.csv"]),
+    "not a path": ([*_PLOT_PLANE, "--path", "notes.csv"], ["notes.csv: has no path", "x, y"]),
+    "empty path": ([*_PLOT_PLANE, "--path", "empty.csv"], ["empty.csv", "at least one"]),
+    "not a JSON path": ([*_PLOT_PLANE, "--path", "list.json"], ["list.json", "path"]),
+    "binary path": ([*_PLOT_PLANE, "--path", "old.png"], ["old.png"]),
+    "ragged path": ([*_PLOT_PLANE, "--path", "ragged.csv"], ["ragged.csv"]),
+    "path with yaws": ([*_PLOT_PLANE, "--path", "yaws.csv"], ["yaws.csv: has x, y, yaw", "axes are x, y;"]),
+    "path of five": ([*_PLOT_PLANE, "--path", "wide.json"], ["wide.json", "x, y"]),
+    "path of four": ([*_PLOT_PLANE, "--path", "four.json"], ["four.json", "x, y"]),
+    "resolution": ([*_PLOT_PLANE, "--dpi", "0"], ["--dpi is 0", "in pixels per inch\n"]),
+    "resolution beyond memory": ([*_PLOT_PLANE, "--dpi", "100000"], ["--dpi is 100000", "at most 2,400"]),
+    "negative distance of robots": ([*_PLOT_PLANE, "--robot-every", "-1"], ["--robot-every is -1"]),
     "yaw in degrees": (
         ["plot", "turning.zarr", "-o", "new.png", "--rotation", "0,90"],
         ["--rotation has the yaw", "90deg"],
     ),
-    "yaw without rotations": ([*_PLOT, "--rotation", "1"], ["--rotation is '1'", "the map has no rotations"]),
-    "panels without rotations": ([*_PLOT, "--view", "panels"], ["--view is 'panels'", "must be plane"]),
-    "view of the plane": ([*_PLOT, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
+    "yaw without rotations": ([*_PLOT_PLANE, "--rotation", "1"], ["--rotation is '1'", "the map has no rotations"]),
+    "panels without rotations": ([*_PLOT_PLANE, "--view", "panels"], ["--view is 'panels'", "must be plane"]),
+    "view of the plane": ([*_PLOT_PLANE, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
     "point of the plane": (
         ["plot", "turning.zarr", "-o", "new.png", "--center", "1,1,1"],
         ["--center is '1,1,1'", "configurations are x,y"],
@@ -148,8 +166,8 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_wrong_input_is_refused_in_one_line(name: str, room: Path) -> None:
+@pytest.mark.parametrize("name", REFUSED_COMMANDS)
+def test_invalid_input_is_refused_in_one_line(name: str, room: Path) -> None:
     for file, text in {
         "notes.txt": "nothing of use",
         "notes.csv": "x,y\nhere,there\n",
@@ -171,7 +189,7 @@ def test_wrong_input_is_refused_in_one_line(name: str, room: Path) -> None:
         (Path(folder) / "zarr.json").write_text("{ nothing of use")
         (Path(folder) / "thesis.txt").write_text("years of work")
     before = {file.name for file in room.iterdir()}
-    arguments, parts = BAD[name]
+    arguments, parts = REFUSED_COMMANDS[name]
     result = run(*arguments, *(["--json"] if len(name) % 2 else []))
     assert result.exit_code == 2, result.exception or result.output
     assert result.stdout == ""
@@ -190,21 +208,21 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     for name in ("opening.open_map", "workspace.Workspace.open", "shapes.mesh.Mesh.of"):
         monkeypatch.setattr(f"cspace.{name}", work)
     for name in (
-        *("negative spacing", "no rotations", "bounds of words", "bounds reversed", "robot of the plane, mesh"),
-        *("robot of the plane", "robot of space", "map exists", "start of three numbers", "start without a yaw"),
-        *("degrees without a unit", "curve without a radius", "negative total rotationius", "curve without rotations"),
+        *("negative spacing", "no rotations", "bounds of words", "bounds reversed", "plane robot among meshes"),
+        *("plane robot", "solid robot in the plane", "map exists", "start of three numbers", "start without a yaw"),
+        *("degrees without a unit", "curve without a radius", "negative radius of a curve", "curve without rotations"),
         *("animation suffix", "path twice", "yaw in degrees", "yaw without rotations"),
         *("panels without rotations", "view of the plane", "point of two", "point of 3d", "surface of sections"),
         *("export at a yaw", "info of a map with a spacing", "info of a robot of the plane"),
     ):
-        result = run(*BAD[name][0])
+        result = run(*REFUSED_COMMANDS[name][0])
         assert result.exit_code == 2, (name, result.exception)
 
 
 def test_unwritable_folder_is_refused(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # os.access is patched, because the superuser may write everywhere.
     monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
-    for arguments in (_FLAT, [*_PLAN, "-o", "path.csv"], ["demo"], ["demo", "-o", "new/demo"]):
+    for arguments in (_MAP_FLOOR, [*_PLAN_PLANE, "-o", "path.csv"], ["demo"], ["demo", "-o", "new/demo"]):
         result = run(*arguments)
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
         assert "written" in result.stderr
@@ -213,11 +231,17 @@ def test_unwritable_folder_is_refused(room: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     "arguments",
     [
-        *(["fly"], ["map"], ["map", "a.yaml", "--robt", "disc:1"], [*_FLAT, "--outside", "wet"], [*_FLAT, "-x"]),
-        *([*_FLAT, "--rotations", "7.5"], [*_TURN, "--drive", "spline"]),
+        *(
+            ["fly"],
+            ["map"],
+            ["map", "a.yaml", "--robt", "disc:1"],
+            [*_MAP_FLOOR, "--outside", "wet"],
+            [*_MAP_FLOOR, "-x"],
+        ),
+        *([*_MAP_FLOOR, "--rotations", "7.5"], [*_PLAN_TURNING, "--drive", "spline"]),
     ],
 )
-def test_wrong_usage_is_refused_in_one_line(arguments: list[str]) -> None:
+def test_invalid_usage_is_refused_in_one_line(arguments: list[str]) -> None:
     result = run(*arguments)
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.startswith("cspace: ") and result.stderr.count("\n") == 1
@@ -229,7 +253,7 @@ def test_wrong_usage_is_refused_in_one_line(arguments: list[str]) -> None:
         (KeyboardInterrupt(), 130, "interrupted"),
         (MemoryError("cannot allocate"), 2, "out of memory: cannot allocate"),
         (OSError(28, "No space left on device"), 2, "No space left on device"),
-        (ZeroDivisionError(), 1, ""),  # our own defects are not hidden
+        (ZeroDivisionError(), 1, ""),  # defects stay visible
     ],
 )
 def test_interruptions_and_system_errors_end_in_one_line(
@@ -246,6 +270,6 @@ def test_interruptions_and_system_errors_end_in_one_line(
 
 
 def test_file_names_are_not_replaced_by_options(room: Path) -> None:
-    """A name with brackets and equals signs passes as it is."""
+    # The name looks like an argument.
     np.save("spacing=0.05.npy", np.zeros((3, 3), bool))
     assert "spacing=0.05.npy" in run("info", "spacing=0.05.npy").stderr

@@ -1,4 +1,4 @@
-"""Tiled maps on the command line: built, interrupted, resumed, described, planned on, drawn and exported."""
+"""Tiled maps on the command line."""
 
 import json
 
@@ -22,7 +22,7 @@ def city(tmp_path_factory):
     return folder, cspace.Workspace.from_array(occupied, 0.1)
 
 
-def test_tiled_map_is_built_planned_on_drawn_and_exported(city):
+def test_commands_build_plan_on_draw_and_export_a_tiled_map(city):
     folder, workspace = city
     options = ("--robot", "rect:0.5x0.3", "--rotations", "8", "--spacing", "0.1", "--tile", "32", "--json")
     space = cspace.build(workspace, cspace.Robot.parse("rect:0.5x0.3"), rotations=8)
@@ -31,7 +31,7 @@ def test_tiled_map_is_built_planned_on_drawn_and_exported(city):
         printed = json.loads(run("map", str(folder / source), *options, "-o", str(out)).stdout)
         assert printed["done_percent"] == 100.0
         assert printed["cells"] == dict(zip(("free", "mixed", "blocked"), space.count(), strict=True))
-    done = json.loads(run("map", str(folder / "city.npy"), *options, "-o", str(out)).stdout)  # nothing is left to do
+    done = json.loads(run("map", str(folder / "city.npy"), *options, "-o", str(out)).stdout)  # all tiles exist
     assert done["cells"] == printed["cells"]
     record = next(file for file in (out / "record" / "c").rglob("0") if file.is_file())
     assert run("info", str(out)).stdout.count("100")
@@ -56,7 +56,7 @@ def test_tiled_map_is_built_planned_on_drawn_and_exported(city):
     ],
     ids=["in the middle", "overwriting", "before the first tile"],
 )
-def test_interruption_says_whether_the_same_command_resumes(city, tmp_path, monkeypatch, stop_at, options, expected):
+def test_an_interruption_tells_if_the_same_command_resumes(city, tmp_path, monkeypatch, stop_at, options, expected):
     out = tmp_path / "stopped.zarr"
     build = cspace.builder.build
 
@@ -80,7 +80,7 @@ def test_interruption_says_whether_the_same_command_resumes(city, tmp_path, monk
         assert json.loads(run(*command, "--json").stdout)["done_percent"] == 100.0
 
 
-def test_interruption_in_memory_does_not_suggest_resuming(city, tmp_path, monkeypatch):
+def test_an_interruption_in_memory_suggests_no_resuming(city, tmp_path, monkeypatch):
     def stop(*arguments, **settings):
         raise KeyboardInterrupt
 
@@ -90,7 +90,7 @@ def test_interruption_in_memory_does_not_suggest_resuming(city, tmp_path, monkey
     assert (result.exit_code, result.stderr) == (130, "cspace: interrupted\n") and not out.exists()
 
 
-def test_unfinished_store_is_reported_and_resumed(city, monkeypatch):
+def test_an_unfinished_store_is_reported_and_resumed(city, monkeypatch):
     folder, workspace = city
     out = folder / "half.zarr"
 
@@ -110,7 +110,7 @@ def test_unfinished_store_is_reported_and_resumed(city, monkeypatch):
     assert cspace.open(out).progress == 1.0
 
 
-def test_tile_options_refuse_wrong_combinations(city):
+def test_invalid_combinations_of_tile_options_are_refused(city):
     folder, _ = city
     options = ("map", str(folder / "city.npy"), "--robot", "disc:0.2", "--spacing", "0.1")
     assert "--tile" in run(*options, "--tile", "0", "-o", str(folder / "x.zarr")).stderr

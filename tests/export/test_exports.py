@@ -26,7 +26,7 @@ from cspace.export import boundaries as writing
 from cspace.export import vti
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
-from maps import SPACES
+from maps import MAP_BUILDERS
 
 states = hnp.arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)).filter(
     lambda state: bool((state == cspace.FREE).any())
@@ -168,7 +168,7 @@ def test_a_map_without_a_boundary_is_refused(
     with pytest.raises(InputError, match=r"the map has no FREE cell; a boundary needs at least one; build it with"):
         full.export(tmp_path / "free.stl")
     with pytest.raises(InputError, match="a boundary is a mesh in space"):
-        SPACES["plane"]().export(tmp_path / "free.ply")
+        MAP_BUILDERS["plane"]().export(tmp_path / "free.ply")
     with pytest.raises(InputError, match=r"rotation has shape .*the robot does not turn"):
         ball.export(tmp_path / "free.stl", rotation=0.5)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
@@ -224,7 +224,7 @@ def test_vtk_reads_written_arrays_back(data: st.DataObject) -> None:
     assert image.GetCellData().GetScalars().GetName() == "cell_states"
 
 
-@pytest.mark.parametrize("make", SPACES.values(), ids=SPACES)
+@pytest.mark.parametrize("make", MAP_BUILDERS.values(), ids=MAP_BUILDERS)
 def test_vtk_reads_the_slice_at_a_rotation(tmp_path: Path, make: Callable[[], cspace.CSpace]) -> None:
     space = make()
     turn = space.rotations.centers[-1]
@@ -248,7 +248,7 @@ def test_vtk_reads_the_slice_at_a_rotation(tmp_path: Path, make: Callable[[], cs
 
 @pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning", "field"])
 def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> None:
-    space = SPACES[name]()
+    space = MAP_BUILDERS[name]()
     space.export(tmp_path / "map.vti")
     image, arrays = read(tmp_path / "map.vti")
     cells, rotations = space.to_xarray(), image.GetFieldData()
@@ -275,7 +275,7 @@ def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: np.ndarray) 
 @pytest.mark.parametrize("name", ["grid", "turning", "field"])
 @pytest.mark.parametrize("suffix", [".yaml", ".yml"])
 def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str) -> None:
-    space = SPACES[name]()
+    space = MAP_BUILDERS[name]()
     yaw = None if not space.rotations.names else 1.0
     space.export(tmp_path / f"map{suffix}", rotation=yaw)
     for unknown, expected in (("occupied", cspace.FREE), ("free", cspace.MIXED)):
@@ -293,7 +293,7 @@ def test_a_ros_map_is_plane_and_a_whole_map_takes_no_yaw(tmp_path: Path, ball: c
         ball.export(tmp_path / "map.tif")
     for suffix in (".npz", ".zarr"):
         with pytest.raises(InputError, match="holds every slice"):
-            SPACES["turning"]().export(tmp_path / f"map{suffix}", rotation=1.0)
+            MAP_BUILDERS["turning"]().export(tmp_path / f"map{suffix}", rotation=1.0)
 
 
 # ---- GeoTIFF and netCDF, as GDAL reads them --------------------------------------------------------------------------
@@ -307,7 +307,7 @@ def of_cells(space: cspace.CSpace) -> Any:
 
 @pytest.mark.parametrize(("name", "rotation"), [("plane", None), ("grid", None), ("turning", 1.0)])
 def test_a_geotiff_places_every_cell(tmp_path: Path, name: str, rotation: float | None) -> None:
-    space = SPACES[name]()
+    space = MAP_BUILDERS[name]()
     space.export(tmp_path / "map.tif", rotation=rotation)
     image = rioxarray.open_rasterio(tmp_path / "map.tif")
     centers = of_cells(space)
@@ -324,7 +324,7 @@ def test_a_geotiff_places_every_cell(tmp_path: Path, name: str, rotation: float 
 @pytest.mark.parametrize("name", ["plane", "turning"])
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the table of bounds
 def test_netcdf_places_a_plane_map(tmp_path: Path, name: str) -> None:
-    space = SPACES[name]()
+    space = MAP_BUILDERS[name]()
     space.export(tmp_path / "map.nc")
     opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="cell_states")
     image = opened[0] if isinstance(opened, list) else opened
@@ -347,7 +347,7 @@ def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path: Path, ball: c
             "mixed": cspace.MIXED,
             "blocked": cspace.BLOCKED,
         }
-    space = SPACES["turning"]()
+    space = MAP_BUILDERS["turning"]()
     space.export(tmp_path / "one.nc", rotation=1.0)
     with xarray.open_dataset(tmp_path / "one.nc") as dataset:
         assert dataset["cell_states"].dims == ("y", "x")
@@ -357,7 +357,7 @@ def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path: Path, ball: c
 
 @pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
 def test_an_existing_export_is_kept_without_overwrite(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
-    space = SPACES["grid"]() if suffix in (".yaml", ".tif") else ball
+    space = MAP_BUILDERS["grid"]() if suffix in (".yaml", ".tif") else ball
     path = tmp_path / f"map{suffix}"
     path.write_text("years of work")
     with pytest.raises(FileError, match="overwrite=True"):

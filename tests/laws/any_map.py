@@ -1,4 +1,4 @@
-"""Maps of every space, kept in every way, with the states that they must have."""
+"""Maps of every space in every storage, with the states that they must have."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,26 +15,26 @@ from cspace.shapes import Point
 
 CAR = Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
 CRATE = Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
-SPACES: dict[str, tuple[tuple[int, ...], Robot, Any]] = {
+MAP_INPUTS: dict[str, tuple[tuple[int, ...], Robot, Any]] = {
     "plane": ((40, 33), Robot.disc(0.25), None),
     "space": ((12, 14, 13), Robot.ball(0.12), None),
     "yaw": ((30, 27), CAR, 8),
     "yaw in space": ((10, 12, 9), CRATE, 6),
     "quaternions": ((9, 8, 7), CRATE, Rotations.quaternions(1)),
 }
-"""For each space: the cells of the workspace, the robot and its rotation cells."""
+"""Shape of the workspace, robot and rotation cells in each space."""
 
 PERIODIC = {"joints": (True, False), "joints in space": (True, True, False)}
-"""Joint maps: whether each axis is periodic."""
+"""Periodic axes of each joint map."""
 
-KINDS = [(space, storage) for storage in ("memory", "packed", "tiled", "saved") for space in SPACES]
+RIGID_KINDS = [(space, storage) for storage in ("memory", "packed", "tiled", "saved") for space in MAP_INPUTS]
 PERIODIC_KINDS = [(space, storage) for storage in ("memory", "saved") for space in PERIODIC]
-ALL_KINDS = KINDS + PERIODIC_KINDS
-"""Kinds of maps: a space, and where the map is kept."""
+ALL_KINDS = RIGID_KINDS + PERIODIC_KINDS
+"""Kinds of maps: space and storage."""
 
 
 class AnyMap(NamedTuple):
-    """A map of any kind, and what an independent test needs of it.
+    """A map of any kind with its expected states.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class AnyMap(NamedTuple):
     occupied : ndarray of bool, shape (nx, ny(, nz))
         The obstacle cells.
     rebuild : callable
-        Builds the map of other obstacles, in memory.
+        Build the map of other obstacles in memory.
     """
 
     space: Any
@@ -59,7 +59,7 @@ class AnyMap(NamedTuple):
     rebuild: Callable[[NDArray[np.bool_]], cspace.CSpace]
 
     def draw(self, rng: np.random.Generator, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Draw configurations inside cells, and the cell ``(rotation, x, y(, z))`` of each."""
+        """Draw configurations inside cells, with their cells ``(rotation, x, y(, z))``."""
         grid, centers = self.space.grid, self.space.rotations.centers
         cells = np.column_stack([rng.integers(0, size, n) for size in self.states.shape])
         inside = rng.uniform(0.02, 0.98, (n, grid.dim))
@@ -72,7 +72,7 @@ def random_obstacles(shape: tuple[int, ...], rng: np.random.Generator) -> NDArra
     return rng.random(shape) < (0.02 if len(shape) == 2 else 0.01)
 
 
-def refuse(occupied: NDArray[np.bool_]) -> cspace.CSpace:
+def refuse_rebuild(occupied: NDArray[np.bool_]) -> cspace.CSpace:
     raise NotImplementedError("joint maps are not built from obstacle cells")
 
 
@@ -82,12 +82,12 @@ def reopen(space: Any, path: Path) -> Any:
     return cspace.open(path)
 
 
-def make_map(space: str, storage: str, outside: str, seed: int, folder: Path, thin: bool = False) -> AnyMap:
-    """Build a map of a space and keep it in memory, packed in two bits, in tiles, or saved and opened again.
+def build_map(space: str, storage: str, outside: str, seed: int, folder: Path, thin: bool = False) -> AnyMap:
+    """Build a map of a space in memory, packed in two bits, tiled, or saved and opened.
 
     If ``thin``, the obstacles fill only half of the cells that they touch.
     """
-    shape, robot, rotations = SPACES[space]
+    shape, robot, rotations = MAP_INPUTS[space]
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-1.0, 1.0, len(shape))
     filled = np.random.default_rng(seed).random(shape) < 0.5
@@ -111,8 +111,8 @@ def make_map(space: str, storage: str, outside: str, seed: int, folder: Path, th
     return AnyMap(made, plain, states, (False,) * len(shape), occupied, rebuild)
 
 
-def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
-    """Make a map of joints with random states, some of whose axes are periodic."""
+def build_periodic_map(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
+    """Build a joint map of random states with periodic axes."""
     rng, count, periodic = np.random.default_rng(seed), 12, PERIODIC[space]
     shape = tuple(count if axis else 5 for axis in periodic)
     states = rng.choice(np.array([0, 0, 0, 1, 2], dtype=np.uint8), shape)
@@ -127,4 +127,4 @@ def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
     made = memory
     if storage == "saved":
         made = reopen(made, folder / "periodic.zarr")
-    return AnyMap(made, memory, states[np.newaxis], periodic, workspace.outer, refuse)
+    return AnyMap(made, memory, states[np.newaxis], periodic, workspace.outer, refuse_rebuild)

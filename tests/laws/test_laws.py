@@ -16,12 +16,12 @@ from cspace import BLOCKED, FREE, MIXED
 from handmade import components
 from laws.any_map import (
     ALL_KINDS,
-    KINDS,
+    MAP_INPUTS,
     PERIODIC,
-    SPACES,
+    RIGID_KINDS,
     AnyMap,
-    make_map,
-    make_periodic,
+    build_map,
+    build_periodic_map,
     random_obstacles,
     reopen,
 )
@@ -29,7 +29,7 @@ from maps import proven_paths
 from oracles import link_cells, to_graph
 from placements import draw_configurations
 
-POLICIES = ("blocked", "free")
+EXTERIORS = ("blocked", "free")
 BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
     "classify": (1, ()),
     "is_free": (1, ()),
@@ -41,7 +41,7 @@ BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
     "is_connected": (2, ()),
     "is_disconnected": (2, ()),
 }
-"""Queries that take one configuration or any batch: how many configurations each takes, and what comes after them."""
+"""Queries of configurations: their number of configurations and further arguments."""
 
 NOT_ON_JOINT_MAPS = ("overlap_count", "contains_robot")
 """Queries that need obstacles in metres."""
@@ -49,28 +49,28 @@ NOT_ON_JOINT_MAPS = ("overlap_count", "contains_robot")
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] != "tiled"]
 
 
-def make(kind: tuple[str, str], folder: Path) -> AnyMap:
+def build_kind(kind: tuple[str, str], folder: Path) -> AnyMap:
     space, storage = kind
     if space in PERIODIC:
-        return make_periodic(space, storage, 5, folder)
-    return make_map(space, storage, POLICIES[len(space) % 2], 5, folder)
+        return build_periodic_map(space, storage, 5, folder)
+    return build_map(space, storage, EXTERIORS[len(space) % 2], 5, folder)
 
 
 @pytest.fixture(scope="module", params=ALL_KINDS, ids="-".join)
 def any_map(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> AnyMap:
-    """A map that tests share; none changes it."""
-    return make(request.param, tmp_path_factory.mktemp("any"))
+    """Build a map that tests share and none changes."""
+    return build_kind(request.param, tmp_path_factory.mktemp("any"))
 
 
 def queries_of(any_map: AnyMap) -> Iterator[tuple[str, int, tuple[float, ...]]]:
-    """Yield each query that a map answers, how many configurations it takes, and what comes after them."""
+    """Yield the queries of a map: name, number of configurations, further arguments."""
     for name, (count, options) in BATCH_QUERIES.items():
         if hasattr(type(any_map.space), name) and not (any(any_map.periodic) and name in NOT_ON_JOINT_MAPS):
             yield name, count, options
 
 
-def nearby(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
-    """Return configurations a few cells from others, rotated by up to 0.4 radians."""
+def draw_near(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
+    """Draw configurations a few cells away, rotated by up to 0.4 radians."""
     dim, spacing = any_map.space.grid.dim, any_map.space.grid.spacing
     near = q + rng.normal(size=q.shape) * np.where(np.arange(q.shape[1]) < dim, 1.5 * spacing, 0.2)
     if len(any_map.space.rotations.names) == 4:
@@ -79,7 +79,7 @@ def nearby(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
 
 
 def labels(any_map: AnyMap, worst: int) -> Any:
-    """Label the connected components of the cells whose state is at most ``worst``, by scipy."""
+    """Label the components of cells whose state is at most ``worst``, by scipy."""
     cells = any_map.states <= worst
     if any(any_map.periodic):
         graph = to_graph(link_cells(cells[0], any_map.periodic, corners=False), cells.size)
@@ -102,11 +102,11 @@ def test_count_counts_the_states_of_all_cells(any_map: AnyMap) -> None:
 def test_a_free_motion_has_only_free_points(any_map: AnyMap) -> None:
     rng = np.random.default_rng(1)
     q0, _ = any_map.draw(rng, 600)
-    q1 = nearby(any_map, q0, rng)
+    q1 = draw_near(any_map, q0, rng)
     free = any_map.space.motion_is_free(q0, q1)
     assert 0.01 < free.mean() < 0.999
     if len(any_map.space.rotations.names) == 4:
-        return  # points along turns about any axis are tested with the rotations
+        return  # tests of rotations check points along rotations about any axis
     for share in np.linspace(0.0, 1.0, 23):
         between = q0[free] + share * (q1[free] - q0[free])
         assert any_map.space.is_free(between).all()
@@ -125,8 +125,8 @@ def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
             assert blocked or passable[one] != passable[other]
 
 
-@pytest.mark.parametrize("any_map", KINDS, indirect=True, ids="-".join)
-def test_clearance_is_no_larger_than_the_distance_to_any_cell_that_is_not_free(any_map: AnyMap) -> None:
+@pytest.mark.parametrize("any_map", RIGID_KINDS, indirect=True, ids="-".join)
+def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map: AnyMap) -> None:
     q, cells = any_map.draw(np.random.default_rng(3), 60)
     grid = any_map.space.grid
     clearance = any_map.space.clearance(q)
@@ -138,9 +138,9 @@ def test_clearance_is_no_larger_than_the_distance_to_any_cell_that_is_not_free(a
         assert distance <= nearest + 1e-9
 
 
-@pytest.mark.parametrize("kind", KINDS, ids="-".join)
-def test_an_update_equals_a_rebuild(kind: tuple[str, str], tmp_path: Path) -> None:
-    obstacle_map, rng = make(kind, tmp_path), np.random.default_rng(4)
+@pytest.mark.parametrize("kind", RIGID_KINDS, ids="-".join)
+def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Path) -> None:
+    obstacle_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
     space, shape = obstacle_map.space, obstacle_map.states.shape[1:]
     occupied = obstacle_map.occupied.copy()
     for _ in range(2):
@@ -151,7 +151,7 @@ def test_an_update_equals_a_rebuild(kind: tuple[str, str], tmp_path: Path) -> No
         space.update(cells, lower)
     fresh = obstacle_map.rebuild(occupied)
     q, _ = obstacle_map.draw(rng, 300)
-    near = nearby(obstacle_map, q, rng)
+    near = draw_near(obstacle_map, q, rng)
     assert space.count() == fresh.count()
     np.testing.assert_array_equal(space.classify(q), fresh.classify(q))
     np.testing.assert_array_equal(space.motion_is_free(q, near), fresh.motion_is_free(q, near))
@@ -171,28 +171,28 @@ def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path)
     )
     assert opened.count() == space.count()
     q, _ = any_map.draw(np.random.default_rng(6), 300)
-    q = np.vstack([q, nearby(any_map, q, np.random.default_rng(7))])
+    q = np.vstack([q, draw_near(any_map, q, np.random.default_rng(7))])
     np.testing.assert_array_equal(opened.classify(q), space.classify(q))
     np.testing.assert_array_equal(opened.motion_is_free(q[:300], q[300:]), space.motion_is_free(q[:300], q[300:]))
 
 
-@pytest.mark.parametrize("space", SPACES)
-@pytest.mark.parametrize("outside", POLICIES)
-def test_a_window_answers_as_the_whole_map(space: str, outside: str, tmp_path: Path) -> None:
-    """Outside of the window, the window knows nothing: configurations are MIXED there, and fewer pairs are decided."""
-    whole = make_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
+@pytest.mark.parametrize("space", MAP_INPUTS)
+@pytest.mark.parametrize("outside", EXTERIORS)
+def test_queries_of_a_window_equal_those_of_the_whole_map(space: str, outside: str, tmp_path: Path) -> None:
+    # Configurations outside of a window are MIXED, and fewer connections are decided.
+    whole = build_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
     tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
     size = np.subtract(grid.upper, grid.lower)
     for low, high in ((0.2, 0.7), (0.0, 0.4), (0.6, 1.3)):
         lower, upper = grid.lower + low * size, grid.lower + high * size
         window = tiled.window(lower, upper)
-        all_of_it = window.grid.contains([grid.lower, grid.upper]).all()
-        assert window.outside == (outside if all_of_it else "unknown")
-        # A motion on the border of the map touches cells beyond it, which the window has and the map lacks.
+        is_whole = window.grid.contains([grid.lower, grid.upper]).all()
+        assert window.outside == (outside if is_whole else "unknown")
+        # A motion on the border of the map touches cells beyond it, which only the window has.
         lower, upper = lower + 0.0137, np.minimum(upper, grid.upper) - 0.0137
         q, _ = whole.draw(rng, 300)
         q[:, : grid.dim] = rng.uniform(lower, upper, (300, grid.dim))
-        near = nearby(whole, q, rng)
+        near = draw_near(whole, q, rng)
         near[:, : grid.dim] = np.clip(near[:, : grid.dim], lower, upper)
         for name in ("classify", "overlap_count", "contains_robot"):
             np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
@@ -204,28 +204,28 @@ def test_a_window_answers_as_the_whole_map(space: str, outside: str, tmp_path: P
         q[:, : grid.dim] = rng.uniform(grid.lower - 9 * size, grid.upper + 9 * size, (300, grid.dim))
         q = q[~window.grid.contains(q[:, : grid.dim])]
         for copied in (window, pickle.loads(pickle.dumps(window))):
-            assert all_of_it or (copied.classify(q) == MIXED).all()
+            assert is_whole or (copied.classify(q) == MIXED).all()
 
 
 def public_queries(kind: type) -> set[str]:
-    """Return the names of the methods that take configurations or a path of them."""
+    """Return the names of methods that take configurations or paths."""
     names = [name for name in dir(kind) if not name.startswith("_")]
-    methods = {name: getattr(kind, name, None) for name in names}  # None for what this kind refuses
+    methods = {name: getattr(kind, name, None) for name in names}  # None for refused methods
     parameters = {name: {*inspect.signature(f).parameters} for name, f in methods.items() if inspect.isfunction(f)}
     return {name for name, given in parameters.items() if {"q", "q0", "edges"} & given}
 
 
 @pytest.mark.parametrize("kind", [cspace.CSpace, cspace.TiledCSpace])
-def test_every_query_is_tested_on_maps_of_every_kind(kind: type) -> None:
+def test_this_module_tests_every_query(kind: type) -> None:
     here = Path(__file__).read_text(encoding="utf-8")
     assert "classify" in public_queries(kind)
     assert {name for name in public_queries(kind) - set(BATCH_QUERIES) if f"space.{name}(" not in here} == set()
 
 
-def test_a_batch_is_answered_as_each_of_its_configurations(any_map: AnyMap) -> None:
+def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
     rng = np.random.default_rng(10)
     q, _ = any_map.draw(rng, 24)
-    near = nearby(any_map, q, rng)
+    near = draw_near(any_map, q, rng)
     for name, count, options in queries_of(any_map):
         query, given = getattr(any_map.space, name), [q, near][:count]
         answers = query(*given, *options)
@@ -238,15 +238,15 @@ def test_a_batch_is_answered_as_each_of_its_configurations(any_map: AnyMap) -> N
 
 
 @pytest.mark.parametrize("any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join)
-def test_a_map_answers_alike_however_it_is_kept(any_map: AnyMap) -> None:
-    """Configurations in the grid and around it, many of them on borders of cells."""
+def test_every_storage_gives_the_same_answers(any_map: AnyMap) -> None:
+    # Many configurations lie on borders of cells.
     space, memory = any_map.space, any_map.memory
     rng = np.random.default_rng(15)
     q = draw_configurations(memory, rng, 1000)
-    near = nearby(any_map, q, rng)
+    near = draw_near(any_map, q, rng)
     for name, count, options in queries_of(any_map):
         if name == "clearance" and isinstance(space, cspace.TiledCSpace):
-            continue  # tiled maps look for obstacles only a few tiles away
+            continue  # tiled maps search obstacles only a few tiles away
         given = [q[:300], near[:300]] if name.endswith("connected") else [q, near][:count]
         np.testing.assert_array_equal(getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options))
     edges = rng.integers(0, 50, (40, 2))
@@ -255,7 +255,7 @@ def test_a_map_answers_alike_however_it_is_kept(any_map: AnyMap) -> None:
 
 
 @pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_paths_of_the_maps_own_search_are_certified(any_map: AnyMap) -> None:
+def test_paths_found_by_the_map_are_certified(any_map: AnyMap) -> None:
     space: Any = any_map.space
     rng = np.random.default_rng(11)
     q0, q1 = space.sample_free(12, rng), space.sample_free(12, rng)
@@ -278,17 +278,17 @@ def test_the_nearest_free_configuration_is_free(any_map: AnyMap) -> None:
         assert any_map.space.is_free(any_map.space.nearest_free(configuration))
 
 
-@pytest.mark.parametrize("any_map", [kind for kind in KINDS if kind in IN_MEMORY], indirect=True, ids="-".join)
-def test_the_obstacle_distance_of_a_batch_is_that_of_its_nearest_configuration(any_map: AnyMap) -> None:
+@pytest.mark.parametrize("any_map", [kind for kind in RIGID_KINDS if kind in IN_MEMORY], indirect=True, ids="-".join)
+def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map: AnyMap) -> None:
     space: Any = any_map.space
     q = space.sample_free(12, np.random.default_rng(14))
     singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
     assert space.obstacle_distance(q) == pytest.approx(min(singles))
 
 
-@pytest.mark.parametrize("name", SPACES)
-def test_legs_are_joined_within_their_tiles(name: str, tmp_path: Path) -> None:
-    whole = make_map(name, "tiled", "free", 8, tmp_path)
+@pytest.mark.parametrize("name", MAP_INPUTS)
+def test_tile_subproblems_are_connected_within_their_tiles(name: str, tmp_path: Path) -> None:
+    whole = build_map(name, "tiled", "free", 8, tmp_path)
     space: Any = whole.space
     space.compute_components()
     q, _ = whole.draw(np.random.default_rng(13), 40)

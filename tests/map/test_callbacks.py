@@ -14,7 +14,7 @@ from strategies import seeds
 
 
 @settings(max_examples=40)
-@given(seeds, st.sampled_from(handmade.KINDS), outsides(3))
+@given(seeds, st.sampled_from(handmade.MAP_KINDS), outsides(3))
 def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind)
@@ -32,7 +32,7 @@ def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
     assert [edge(*both) for both in np.hstack([q0, q1]).tolist()] == space.motion_is_free(q0, q1).tolist()
 
 
-@pytest.mark.parametrize("kind", handmade.KINDS)
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 @pytest.mark.parametrize("exact", [False, True])
 def test_checkers_never_pass_what_is_no_configuration(kind, exact):
     # What is proven by cells, and what is left to the geometry, which has no obstacles here.

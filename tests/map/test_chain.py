@@ -36,7 +36,7 @@ def fewest_mixed(states, closed, start, goal, kind):
 
 
 @settings(max_examples=100)
-@given(seeds, st.sampled_from(handmade.KINDS), st.booleans())
+@given(seeds, st.sampled_from(handmade.MAP_KINDS), st.booleans())
 def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 7, (FREE, FREE, MIXED, MIXED, BLOCKED))
@@ -71,7 +71,7 @@ def test_chains_keep_what_is_closed_out_of_use():
     assert len(chain_on(space, *endpoints, closed)) == 11
 
 
-@pytest.mark.parametrize("kind", handmade.KINDS)
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 def test_chains_begin_and_end_where_the_map_is_not_blocked(kind):
     states = np.zeros((4 if "turning" in kind else 1, *((5, 4, 3) if "space" in kind else (5, 4))), np.uint8)
     states[0, 2, 1] = BLOCKED

@@ -37,7 +37,7 @@ def sparse_states(draw, kind):
     return states
 
 
-@pytest.mark.parametrize("kind", handmade.KINDS)
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 @settings(max_examples=40)
 @given(st.data(), seeds)
 def test_distances_to_cells_are_exact(kind, data, seed):
@@ -121,7 +121,7 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
             assert bound == math.inf
 
 
-@pytest.mark.parametrize("kind", handmade.KINDS)
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 def test_steps_within_the_clearance_stay_free(kind):
     rng = np.random.default_rng(4)
     states = (
@@ -138,7 +138,7 @@ def test_steps_within_the_clearance_stay_free(kind):
     assert space.is_free(moved[steps > 0]).all()
 
 
-@pytest.mark.parametrize("kind", handmade.KINDS)
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 def test_an_empty_map_has_no_bound(kind):
     space = handmade.make_map(np.zeros((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
     q = handmade.configurations(space, np.full((2, space.size), 0.1))

@@ -225,7 +225,7 @@ def test_block_path_proves_that_mixed_cells_join(min_blocks, monkeypatch):
 
 
 @settings(max_examples=30)
-@given(seeds, st.sampled_from(handmade.KINDS), st.sampled_from(["free", "blocked"]))
+@given(seeds, st.sampled_from(handmade.MAP_KINDS), st.sampled_from(["free", "blocked"]))
 def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
     """Pairs of cells of a small map, whose exterior is FREE or BLOCKED."""
     states = handmade.random_states(np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED))
@@ -248,7 +248,7 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
 
 
 @settings(max_examples=10)
-@given(seeds, st.sampled_from(handmade.KINDS))
+@given(seeds, st.sampled_from(handmade.MAP_KINDS))
 def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
     """The box holds all joined cells, and each of its sides touches one."""
     states = handmade.random_states(np.random.default_rng(seed), kind)

@@ -17,7 +17,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
 from handmade import Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
-from planning import edge
+from planning import along_edge
 from strategies import rotation_cells, seeds
 
 H = 0.25
@@ -133,7 +133,7 @@ def test_edges_along_a_border_touch_both_sides(seed, which):
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.KINDS), outsides())
+@given(seeds, st.sampled_from(handmade.MAP_KINDS), outsides())
 def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 6, (FREE,) * 20 + (MIXED,))
@@ -146,7 +146,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     q0, q1 = handmade.configurations(space, endpoints)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):
-        assert space.is_free(edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
+        assert space.is_free(along_edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -170,7 +170,7 @@ def test_edges_outside_keep_off_what_is_undecided():
     assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
 
 
-@pytest.mark.parametrize("kind", handmade.KINDS)
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 def test_batches_broadcast(kind):
     space = handmade.make_map(np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2))), kind)
     size = space.size

@@ -24,7 +24,7 @@ def states(dims=(2, 3), side=9):
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.KINDS))
+@given(seeds, st.sampled_from(handmade.MAP_KINDS))
 def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
     """Of which it turns none where it need not; a quaternion tells of a rotation with either sign."""
     rng = np.random.default_rng(seed)

@@ -23,7 +23,7 @@ POLICIES = st.sampled_from(["blocked", "free"])
 L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
 
 
-@pytest.fixture(scope="module", params=handmade.KINDS)
+@pytest.fixture(scope="module", params=handmade.MAP_KINDS)
 def space(request):
     """A wall with a gap, in every space."""
     dim = 3 if "space" in request.param else 2

@@ -17,7 +17,7 @@ from strategies import rotation_cells, seeds
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
 
 
-@pytest.fixture(scope="module", params=[*handmade.KINDS, "shared"])
+@pytest.fixture(scope="module", params=[*handmade.MAP_KINDS, "shared"])
 def space(request):
     """Maps of several hundred cells, some of them with rotation cells that are not equally wide, or share slices."""
     rng = np.random.default_rng(3)
@@ -82,7 +82,7 @@ def test_few_free_cells_are_all_drawn(free):
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
+@given(seeds, st.sampled_from(handmade.MAP_KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
 def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
     """Against all FREE cells, from within the grid and from beyond it."""
     rng = np.random.default_rng(seed)
@@ -117,7 +117,7 @@ def test_nearest_free_does_not_look_at_all_of_a_large_map():
     assert time.perf_counter() - began < 0.05
 
 
-@pytest.mark.parametrize("kind", handmade.KINDS)
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 def test_nothing_free_is_an_error_that_says_so(kind):
     states = np.full((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2)), BLOCKED)
     space = handmade.make_map(states, kind)

@@ -1,4 +1,4 @@
-"""Plans of arms: every planner of OMPL, proven motions, joints that turn for ever, and errors."""
+"""Plans of arms."""
 
 import math
 import pickle
@@ -10,27 +10,20 @@ import pytest
 from ompl import base as ob
 
 import planners
-from cspace import ArmSpace, InputError, Robot
-from cspace.arms import Arm, PosedShape, build_arm_space
+from cspace import ArmSpace, InputError
+from cspace.arms import Arm, build_arm_space
 from planners.states import kind_of
 from refusals import refusals
-from tests.urdfs import joint, link, planar, written
+from tests.urdfs import joint, link, planar, post, written
 
 pytest.importorskip("yourdfpy")
 
 START, GOAL = (-0.6, 0.3), (1.4, -0.2)
 
 
-def at(x: float, y: float) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:2, 3] = x, y
-    return pose
-
-
 def space_of(folder: Path, **changes: Any) -> ArmSpace:
-    """Two links of 1 m, and a post at 1.6 m that only the folded arm passes."""
-    post = PosedShape(Robot.box((0.2, 0.2, 1.0)).shape, at(1.55, 0.6))
-    return build_arm_space({"post": post}, Arm.from_urdf(planar(folder, **changes)))
+    """Build the space of two links of 1 m beside a post."""
+    return build_arm_space({"post": post()}, Arm.from_urdf(planar(folder, **changes)))
 
 
 def test_planners_and_options_of_arms_can_be_chosen(tmp_path: Path) -> None:
@@ -39,9 +32,9 @@ def test_planners_and_options_of_arms_can_be_chosen(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["BiRRT", *planners.planner_names()])
-def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) -> None:
+def test_every_planner_finds_a_proven_path(tmp_path: Path, name: str) -> None:
     space = space_of(tmp_path)
-    for limit in (0.05, 0.5, 20.0):  # some use all of it; the longer ones are for a busy machine
+    for limit in (0.05, 0.5, 20.0):  # anytime planners use all of it; a busy machine needs the longer limits
         plan = planners.plan(space, START, GOAL, planner=name, time_limit=limit, seed=1)
         if plan.solved:
             break
@@ -56,7 +49,7 @@ def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) ->
     assert plan.units == ("rad", "rad") and (plan.length_unit, plan.distance_unit) == ("rad", "m")
 
 
-def test_obstacle_distance_of_a_path_is_close_to_its_least(tmp_path: Path) -> None:
+def test_obstacle_distance_is_within_10_percent_of_the_minimum(tmp_path: Path) -> None:
     space = space_of(tmp_path)
     plan = planners.plan(space, (-0.5, 0.0), (-1.5, 0.5))
     between = np.linspace(plan.path[0], plan.path[-1], 400)
@@ -65,26 +58,26 @@ def test_obstacle_distance_of_a_path_is_close_to_its_least(tmp_path: Path) -> No
     assert pickle.loads(pickle.dumps(plan)).obstacle_distance == plan.obstacle_distance
 
 
-def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> None:
+def test_a_continuous_joint_takes_the_shorter_direction(tmp_path: Path) -> None:
     space = space_of(tmp_path, kind="continuous", limits=None)
     assert space.periodic_axes == (True, False)
     plan = planners.plan(space, (3.0, 0.4), (-3.0 + 4 * np.pi, 0.4))
     assert plan.certified and plan.length == pytest.approx(2 * np.pi - 6.0)
-    # The rows are joined as they are: the second one has turned past half a turn.
+    # Rows are interpolated linearly, so the second yaw exceeds half a turn.
     np.testing.assert_allclose(plan.path, [(3.0, 0.4), (2 * np.pi - 3.0, 0.4)])
     assert space.certify_path(plan.path).all()
     for planner in ("BiRRT", "RRTConnect"):
         around = planners.plan(space, START, (2.8, 0.0), planner=planner, time_limit=20.0, seed=2)
         assert around.certified and space.certify_path(around.path).all()
-        assert around.path[-1] == pytest.approx((2.8 - 2 * np.pi, 0.0))  # the other way there is the post
+        assert around.path[-1] == pytest.approx((2.8 - 2 * np.pi, 0.0))  # the post blocks the other direction
 
 
 @pytest.mark.parametrize("planner", [None, "RRTConnect"])
 @pytest.mark.parametrize("endpoints", [(4.0, 4.5), (3.0, -3.0), (3.0, 6.5)])
-def test_a_joint_that_another_follows_by_half_is_no_circle(
+def test_a_joint_mimicked_by_half_is_not_periodic(
     tmp_path: Path, endpoints: tuple[float, float], planner: str | None
 ) -> None:
-    """After a turn of it the arm is elsewhere, so that a plan leads from and to the very numbers that were given."""
+    # One turn moves the other joint, so a plan keeps the numbers of its endpoints.
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     follows = '<mimic joint="one" multiplier="0.5"/>'
     path = written(
@@ -100,7 +93,7 @@ def test_a_joint_that_another_follows_by_half_is_no_circle(
     assert plan.path[[0, -1], 0].tolist() == list(endpoints)
 
 
-def test_setup_of_ones_own(tmp_path: Path) -> None:
+def test_simple_setup_samples_valid_states_of_an_arm(tmp_path: Path) -> None:
     for changes, kind in (
         ({}, ob.RealVectorStateSpace),
         ({"kind": "continuous", "limits": None}, ob.CompoundStateSpace),
@@ -119,7 +112,7 @@ def test_validity_checker_returns_the_obstacle_distance_as_clearance(tmp_path: P
     space = space_of(tmp_path)
     setup = planners.simple_setup(space)
     checker, state = setup.getStateValidityChecker(), setup.getSpaceInformation().allocState()
-    for q in (START, GOAL, (0.37, 0.0)):  # the last one is in collision
+    for q in (START, GOAL, (0.37, 0.0)):  # the last configuration is in collision
         kind_of(space).write(state, *q)
         assert checker.clearance(state) == space.obstacle_distance(q) and (checker.clearance(state) > 0.0) == (
             q != (0.37, 0.0)
@@ -145,7 +138,7 @@ def test_validity_checker_returns_the_obstacle_distance_as_clearance(tmp_path: P
     ({"turning_radius": 1.0}, "a radius is for curves"),
     ({"time_limit": 0.0}, "time_limit"),
 )
-def test_plans_of_arms_refuse(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_plans_of_arms_reject_invalid_arguments(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     given = {"start": START, "goal": GOAL, **options}
     with pytest.raises(InputError, match=message):
         planners.plan(space_of(tmp_path), given.pop("start"), given.pop("goal"), **given)

@@ -1,4 +1,4 @@
-"""Curves of cars are the shortest, get where they shall, and are proven along the whole way."""
+"""Curves of cars: shortest words, proofs and dense paths."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
 from planning import room, turn_between, with_state
 
-SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
+OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 RADII = [0.3, 1.0, 4.0]
 
 
@@ -29,7 +29,7 @@ def curve(name: str, radius: float, space: Any = None) -> CarCurves:
 
 
 def pairs(n: int, radius: float, seed: int = 0) -> np.ndarray:
-    """Pairs of configurations, far and near in terms of the radius, some of which a short word joins."""
+    """Draw pairs of configurations at many multiples of the radius."""
     rng = np.random.default_rng(seed)
     reach = radius * rng.choice([0.01, 1.0, 4.0, 20.0], (n, 1, 1))
     q = rng.uniform(-1.0, 1.0, (n, 2, 3)) * np.concatenate([reach, reach, np.full_like(reach, math.pi)], axis=-1)
@@ -48,7 +48,7 @@ def as_states(states: Any, a: Any, b: Any) -> tuple[Any, Any]:
 
 
 def drive(first: Any, word: Any, radius: float, steps: int = 4000) -> np.ndarray:
-    """The end of a word, by driving it in small steps."""
+    """Drive a word in small steps; return its end."""
     turns, lengths, _ = word
     x, y, yaw = first
     for turn, length in zip(turns, lengths, strict=True):
@@ -65,18 +65,18 @@ def drive(first: Any, word: Any, radius: float, steps: int = 4000) -> np.ndarray
 
 @pytest.mark.parametrize("radius", RADII)
 @pytest.mark.parametrize("name", CURVES)
-def test_curves_are_as_short_as_ompls(name: str, radius: float) -> None:
-    states, own, longer = SPACES[name](radius), curve(name, radius), 0
+def test_curves_are_at_most_as_long_as_ompls(name: str, radius: float) -> None:
+    states, curves, longer = OMPL_SPACES[name](radius), curve(name, radius), 0
     for a, b in pairs(3000, radius):
-        length = own.metres(a, b)
+        length = curves.metres(a, b)
         theirs = states.distance(*as_states(states, a, b))
         assert length <= theirs + 2e-6 * radius
         longer += length < theirs - 2e-6 * radius
-    assert longer <= 3  # OMPL misses the shortest now and then, where it is straight ahead or back
+    assert longer <= 3  # OMPL sometimes misses the shortest curve to a goal straight ahead or behind
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_a_word_driven_in_small_steps_gets_there(name: str) -> None:
+def test_a_word_ends_at_the_goal(name: str) -> None:
     for a, b in pairs(300, 0.7, seed=1):
         word = shortest_word(CURVES.index(name), 0.7, tuple(a.tolist()), tuple(b.tolist()))
         end = drive(a, word, 0.7)
@@ -86,43 +86,44 @@ def test_a_word_driven_in_small_steps_gets_there(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_points_on_a_curve_are_those_of_ompl(name: str) -> None:
-    states, own = SPACES[name](0.8), curve(name, 0.8)
-    oblique = [pair for k, pair in enumerate(pairs(500, 0.8, seed=2)) if k % 5]  # parallel ones can be mirrored
+def test_points_on_a_curve_equal_those_of_ompl(name: str) -> None:
+    states, curves = OMPL_SPACES[name](0.8), curve(name, 0.8)
+    # Every fifth pair has parallel yaws, whose curves can be mirrored.
+    oblique = [pair for k, pair in enumerate(pairs(500, 0.8, seed=2)) if k % 5]
     same = 0
     for a, b in oblique:
         first, second = as_states(states, a, b)
-        length, between = own.metres(a, b), states.allocState()
+        length, between = curves.metres(a, b), states.allocState()
         shares = np.linspace(0.0, 1.0, 9)
         theirs = []
         for share in shares:
             states.interpolate(first, second, share, between)
             theirs.append((between.getX(), between.getY(), between.getYaw()))
-        apart = own.points(a, b, shares * length) - theirs
+        apart = curves.points(a, b, shares * length) - theirs
         apart[:, 2] = turn_between(0.0, apart[:, 2])
         same += np.abs(apart).max() < 1e-5
-    # Many short manoeuvres of a car that reverses are equally short, and each may take its own.
+    # A reversing car has many equally short manoeuvres, so OMPL may choose another.
     assert same >= len(oblique) * (0.99 if name == "dubins" else 0.75)
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_part_of_a_curve_is_no_detour(name: str) -> None:
-    # Rounding easily makes a whole turn of an arc that is not there.
-    own = curve(name, 0.5)
+def test_a_curve_between_its_points_is_no_longer_than_the_part(name: str) -> None:
+    # Rounding can easily turn an arc of length zero into a whole turn.
+    curves = curve(name, 0.5)
     rng = np.random.default_rng(3)
     for a, b in pairs(500, 0.5, seed=3):
-        length = own.metres(a, b)
+        length = curves.metres(a, b)
         s, t = sorted(rng.uniform(0.0, length, 2))
-        part = own.points(a, b, np.array([s, t]))
-        assert own.metres(*part) <= (t - s) + 1e-6
+        part = curves.points(a, b, np.array([s, t]))
+        assert curves.metres(*part) <= (t - s) + 1e-6
 
 
-def test_curves_in_both_directions_are_the_same_both_ways() -> None:
-    own = curve("reeds-shepp", 0.5)
+def test_reversing_curves_are_the_same_in_both_directions() -> None:
+    curves = curve("reeds-shepp", 0.5)
     for a, b in pairs(500, 0.5, seed=4):
-        length = own.metres(a, b)
-        there = own.points(a, b, np.linspace(0.0, length, 7))
-        back = own.points(b, a, np.linspace(0.0, length, 7))[::-1]
+        length = curves.metres(a, b)
+        there = curves.points(a, b, np.linspace(0.0, length, 7))
+        back = curves.points(b, a, np.linspace(0.0, length, 7))[::-1]
         assert np.abs(there[:, :2] - back[:, :2]).max() < 1e-6
         assert np.abs(turn_between(there[:, 2], back[:, 2])).max() < 1e-6
 
@@ -130,7 +131,8 @@ def test_curves_in_both_directions_are_the_same_both_ways() -> None:
 # ---- proofs ----------------------------------------------------------------------------------------------------------
 
 
-def edges(space: CSpace, n: int, seed: int) -> np.ndarray:
+def draw_edges(space: CSpace, n: int, seed: int) -> np.ndarray:
+    """Draw pairs of FREE configurations, mostly near each other."""
     rng = np.random.default_rng(seed)
     q = np.stack([space.sample_free(n, rng), space.sample_free(n, rng)], axis=1)
     near = rng.random(n) < 0.7
@@ -140,44 +142,44 @@ def edges(space: CSpace, n: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("radius", [0.3, 1.0])
 @pytest.mark.parametrize("name", CURVES)
-def test_a_curve_called_free_is_free_at_a_thousand_points(space: CSpace, name: str, radius: float) -> None:
-    way = local_planner(space, False, name, radius)
-    check, kinds, own = way.edge_checker(), set(), curve(name, radius, space)
-    for a, b in edges(space, 400, 0):
+def test_a_proven_curve_is_free_at_a_thousand_points(space: CSpace, name: str, radius: float) -> None:
+    local = local_planner(space, False, name, radius)
+    check, kinds, curves = local.edge_checker(), set(), curve(name, radius, space)
+    for a, b in draw_edges(space, 400, 0):
         kinds.add(proven := check(*a, *b))
         if proven:
-            points = own.points(a, b, np.linspace(0.0, own.metres(a, b), 1000))
+            points = curves.points(a, b, np.linspace(0.0, curves.metres(a, b), 1000))
             assert ((points[:, :2] >= space.grid.lower) & (points[:, :2] <= space.grid.upper)).all()
             assert space.is_free(points).all()
     assert kinds == {True, False}
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_a_curve_with_a_little_room_around_it_is_proven(space: CSpace, name: str) -> None:
-    way, own = local_planner(space, False, name, 0.5), curve(name, 0.5, space)
-    check, counted, tied = way.edge_checker(), 0, 0
-    room = 0.1 * space.grid.spacing
+def test_a_curve_with_some_clearance_is_proven(space: CSpace, name: str) -> None:
+    local, curves = local_planner(space, False, name, 0.5), curve(name, 0.5, space)
+    check, counted, tied = local.edge_checker(), 0, 0
+    distance = 0.1 * space.grid.spacing
 
     def is_clear(a: np.ndarray, b: np.ndarray, number: int) -> bool:
-        points = own.points(a, b, np.linspace(0.0, own.metres(a, b), number))
-        return bool(space.is_free_around(points, room, room / 0.5).all())
+        points = curves.points(a, b, np.linspace(0.0, curves.metres(a, b), number))
+        return bool(space.is_free_around(points, distance, distance / 0.5).all())
 
-    for a, b in edges(space, 800, 1):
-        if is_clear(a, b, 20) and is_clear(a, b, 3000):  # few points show most of those that are not
+    for a, b in draw_edges(space, 800, 1):
+        if is_clear(a, b, 20) and is_clear(a, b, 3000):  # 20 points refute most curves
             counted += 1
             tied += not check(*a, *b)
-    # Where several curves are equally short, the others must be free too; cars that reverse have that now and then.
+    # All equally short curves must be free; reversing cars sometimes have several.
     assert counted > 20 and tied <= (0.1 * counted if name == "reeds-shepp" else 0)
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_the_curve_that_ompl_drives_is_free_too(space: CSpace, name: str) -> None:
-    """Also where several curves are equally short, or OMPL takes one that is not the shortest."""
+def test_the_curve_that_ompl_interpolates_is_free(space: CSpace, name: str) -> None:
+    # OMPL may choose another equally short curve, or a longer one.
     setup = planners.simple_setup(space, drive=name, turning_radius=0.5)
     info, states = setup.getSpaceInformation(), setup.getStateSpace()
-    assert isinstance(states, SPACES[name])
-    out, own, others, free = states.allocState(), curve(name, 0.5, space), 0, 0
-    for a, b in edges(space, 1500, 2):
+    assert isinstance(states, OMPL_SPACES[name])
+    out, curves, others, free = states.allocState(), curve(name, 0.5, space), 0, 0
+    for a, b in draw_edges(space, 1500, 2):
         first, second = as_states(states, a, b)
         if not info.checkMotion(first, second):
             continue
@@ -188,13 +190,13 @@ def test_the_curve_that_ompl_drives_is_free_too(space: CSpace, name: str) -> Non
             states.interpolate(first, second, float(t), out)
             theirs.append((out.getX(), out.getY(), out.getYaw()))
         assert space.is_free(theirs).all()
-        ours = own.points(a, b, np.linspace(0.0, 1.0, 60) * length)
+        ours = curves.points(a, b, np.linspace(0.0, 1.0, 60) * length)
         others += np.abs(ours[:, :2] - np.array(theirs)[:, :2]).max() > 1e-3
     assert free > 50 and (others > 0 or name == "dubins")
 
 
-def test_of_two_equally_short_curves_both_must_be_free() -> None:
-    """A goal straight behind: a car that cannot reverse turns left or right, which is as long."""
+def test_two_equally_short_curves_must_both_be_free() -> None:
+    # Two such curves lead a car without reverse to a goal straight behind.
     occupied = np.zeros((200, 200), dtype=bool)
     clear = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
     occupied[80:120, 79:85] = True
@@ -206,14 +208,14 @@ def test_of_two_equally_short_curves_both_must_be_free() -> None:
 
 @pytest.mark.parametrize("name", CURVES)
 @pytest.mark.parametrize("hair", [(0.0, 0.0, 1e-12), (0.0, 1e-7, 0.0), (5e-10, 0.0, 0.0)])
-def test_a_goal_a_hair_from_the_start(space: CSpace, name: str, hair: Any) -> None:
+def test_a_goal_a_hair_from_the_start_is_reached(space: CSpace, name: str, hair: Any) -> None:
     start = np.array([1.05, 1.05, 0.1])
     plan = planners.plan(space, start, start + hair, drive=name, turning_radius=0.5, time_limit=2.0, seed=1)
     assert plan.solved and plan.certified and plan.clearance >= 0.0
 
 
-def exterior_blocked(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
-    """All FREE but for one cell (rotation, x, y) out of 36 x 40 x 40."""
+def free_except_cell(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
+    """Build a FREE map, except for one cell (rotation, x, y)."""
     stack = np.full((36, 40, 40), FREE, dtype=np.uint8)
     stack[cell] = state
     return with_state(stack, len(stack), spacing=0.1)
@@ -221,32 +223,32 @@ def exterior_blocked(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
 
 @pytest.mark.parametrize("name", CURVES)
 def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
-    own = curve(name, 0.6)
+    curves = curve(name, 0.6)
     rng = np.random.default_rng(5)
-    free = exterior_blocked((0, 0, 0), FREE)
+    free = free_except_cell((0, 0, 0), FREE)
     check, hits, tied = local_planner(free, False, name, 0.6).edge_checker(), 0, 0
-    for a, b in edges(free, 120, 2):
-        length = own.metres(a, b)
-        points = own.points(a, b, np.linspace(0.0, length, 500))
+    for a, b in draw_edges(free, 120, 2):
+        length = curves.metres(a, b)
+        points = curves.points(a, b, np.linspace(0.0, length, 500))
         if not check(*a, *b):
-            # Another curve as short may leave the map, of a car that reverses.
+            # An equally short curve of a reversing car may leave the map.
             tied += bool(((points[:, :2] > 0.01) & (points[:, :2] < 3.99)).all())
             continue
         x, y, yaw = points[rng.integers(500)]
         assert len(free.rotations.names)
         cell = (int(free.rotations.cell_of(yaw)), int(x / 0.1), int(y / 0.1))
-        assert not local_planner(exterior_blocked(cell), False, name, 0.6).edge_checker()(*a, *b)
-        # The same place at another yaw does not matter.
+        assert not local_planner(free_except_cell(cell), False, name, 0.6).edge_checker()(*a, *b)
+        # The same position at another yaw is irrelevant.
         others = free.rotations.cell_of(points[:, 2])
         far = next((k for k in range(36) if np.min(np.abs((others - k + 18) % 36 - 18)) > 1), None)
         if far is not None:
-            assert local_planner(exterior_blocked((far, *cell[1:])), False, name, 0.6).edge_checker()(*a, *b)
+            assert local_planner(free_except_cell((far, *cell[1:])), False, name, 0.6).edge_checker()(*a, *b)
         hits += 1
     assert hits > 40 and tied <= (3 if name == "reeds-shepp" else 0)
 
 
 def test_a_curve_that_leaves_the_map_is_not_proven() -> None:
-    space = exterior_blocked((0, 0, 0), FREE)
+    space = free_except_cell((0, 0, 0), FREE)
     open_space = build(
         Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1), Robot.disc(0.01), rotations=4, outside="free"
     )
@@ -256,7 +258,7 @@ def test_a_curve_that_leaves_the_map_is_not_proven() -> None:
         assert not check(3.5, 2.0, 0.0, 3.5, 2.0, math.pi)  # turns around, beyond the border
 
 
-def test_not_a_number_is_not_proven(space: CSpace) -> None:
+def test_a_curve_with_nan_or_infinity_is_not_proven(space: CSpace) -> None:
     for name in CURVES:
         check = local_planner(space, False, name, 0.5).edge_checker()
         for k in range(6):
@@ -270,10 +272,10 @@ def test_not_a_number_is_not_proven(space: CSpace) -> None:
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, name: str) -> None:
-    own = curve(name, 0.5, space)
+def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(space: CSpace, name: str) -> None:
+    curves = curve(name, 0.5, space)
     waypoints = np.concatenate([pairs(20, 0.5, seed=6).reshape(-1, 3)])
-    path, direction = own.resample(waypoints)
+    path, direction = curves.resample(waypoints)
     assert direction is not None and len(direction) == len(path)
     rows = [tuple(row) for row in path.tolist()]
     places = [rows.index(tuple(q)) for q in waypoints.tolist()]
@@ -281,10 +283,10 @@ def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, n
     steps, turns = np.hypot(*np.diff(path[:, :2], axis=0).T), turn_between(path[:-1, 2], path[1:, 2])
     assert steps.max() <= space.grid.spacing + 1e-9 and np.abs(turns).max() <= math.radians(5) + 1e-9
     for (a, b), (i, j) in zip(itertools.pairwise(waypoints), itertools.pairwise(places), strict=True):
-        length = own.metres(a, b)
-        fine = own.points(a, b, np.linspace(0.0, length, 5000))
+        length = curves.metres(a, b)
+        fine = curves.points(a, b, np.linspace(0.0, length, 5000))
         assert cKDTree(fine[:, :2]).query(path[i : j + 1, :2])[0].max() < length / 5000 + 1e-6
-    # Which way the car drives: along its heading, halfway between two rows.
+    # The direction is the sign of the motion along the heading halfway between two rows.
     halfway = path[:-1, 2] + turns / 2
     ahead = (np.diff(path[:, :2], axis=0) * np.stack([np.cos(halfway), np.sin(halfway)], axis=-1)).sum(axis=1)
     clear = steps > 1e-6
@@ -292,7 +294,7 @@ def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, n
     assert (set(direction.tolist()) == {1, -1}) == (name == "reeds-shepp")
 
 
-def test_a_robot_that_is_there_has_a_path_of_itself(space: CSpace) -> None:
+def test_a_path_of_one_configuration_stays_in_place(space: CSpace) -> None:
     q = np.array([[1.0, 1.0, 0.0]])
     assert all(curve(name, 0.5).metres(q[0], q[0]) == 0.0 for name in CURVES)
     path, direction = curve("dubins", 0.5, space).resample(q)

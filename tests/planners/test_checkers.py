@@ -1,4 +1,4 @@
-"""OMPL's questions are answered as the map answers them."""
+"""Checkers for OMPL: states, motions, subclasses and overrides."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from ompl import base as ob
 import planners
 from cspace import CSpace, InputError, Robot, Workspace, build
 from handmade import fill_boxes
-from planning import CAR, SPACES, configurations, edges_from, room, state_at, values
+from planning import CAR, SPACES, bounds_of, draw_around, edges_from, room, state_at
 
 
 @pytest.fixture(params=SPACES)
@@ -17,21 +17,21 @@ def space(request: pytest.FixtureRequest) -> CSpace:
     return room(request.param)
 
 
-def test_states_are_those_of_the_map(space: CSpace) -> None:
+def test_state_checks_equal_map_queries(space: CSpace) -> None:
     setup = planners.simple_setup(space)
     si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
-    q = configurations(space, 1500, 0)
+    q = draw_around(space, 1500, 0)
     states = [state_at(space, si, each) for each in q]
     assert [si.isValid(state) for state in states] == space.is_free(q).tolist()
     assert 0.1 < space.is_free(q).mean() < 0.9
     assert [checker.clearance(state) for state in states] == space.clearance(q).tolist()
-    assert values(setup.getStateSpace()) == [*space.grid.lower, *space.grid.upper]
+    assert bounds_of(setup.getStateSpace()) == [*space.grid.lower, *space.grid.upper]
     si.setup()
     if space.size == space.grid.dim:
         assert setup.getStateSpace().getLongestValidSegmentLength() == pytest.approx(space.grid.spacing / 2)
 
 
-def test_motions_are_those_of_the_map(space: CSpace) -> None:
+def test_motion_checks_equal_map_queries(space: CSpace) -> None:
     si = planners.simple_setup(space).getSpaceInformation()
     starts, ends = edges_from(space, 800, 1)
     pairs = zip(starts, ends, strict=True)
@@ -40,7 +40,7 @@ def test_motions_are_those_of_the_map(space: CSpace) -> None:
     assert any(asked) and not all(asked)
 
 
-def test_a_motion_called_valid_is_free_all_along(space: CSpace) -> None:
+def test_a_valid_motion_is_free_along_its_length(space: CSpace) -> None:
     si, states = (setup := planners.simple_setup(space)).getSpaceInformation(), setup.getStateSpace()
     between, read, kinds = si.allocState(), planners.states.kind_of(space).read, set()
     for a, b in zip(*edges_from(space, 150, 5), strict=True):
@@ -55,7 +55,7 @@ def test_a_motion_called_valid_is_free_all_along(space: CSpace) -> None:
     assert kinds == {True, False}
 
 
-def test_a_class_may_be_derived_from(space: CSpace) -> None:
+def test_checkers_can_be_subclassed(space: CSpace) -> None:
     asked = []
 
     class Mine(planners.StateValidityChecker):
@@ -66,12 +66,12 @@ def test_a_class_may_be_derived_from(space: CSpace) -> None:
     setup = planners.simple_setup(space)
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(Mine(si, space))
-    q = configurations(space, 100, 2)
+    q = draw_around(space, 100, 2)
     assert [si.isValid(state_at(space, si, each)) for each in q] == space.is_free(q).tolist()
     assert len(asked) == len(q)
 
 
-def test_a_thin_wall_is_not_stepped_over_where_ompl_by_itself_does() -> None:
+def test_a_thin_wall_is_not_stepped_over_as_by_ompl_alone() -> None:
     thin = build(Workspace.from_array(fill_boxes((400, 8), np.s_[200]), 0.1), Robot.disc(0.01))
     si = planners.simple_setup(thin).getSpaceInformation()
     bare = ob.SpaceInformation(planners.state_space(thin))
@@ -85,8 +85,8 @@ def test_a_thin_wall_is_not_stepped_over_where_ompl_by_itself_does() -> None:
     assert crosses(bare) and not crosses(si)
 
 
-def test_answers_can_be_taken_over_and_given_back(space: CSpace) -> None:
-    """This is how a plan that is out of time ends a search."""
+def test_answers_can_be_overridden_and_restored(space: CSpace) -> None:
+    # A plan ends a search in this way at its time limit.
     setup = planners.simple_setup(space)
     si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
     validator = si.getMotionValidator()
@@ -99,7 +99,7 @@ def test_answers_can_be_taken_over_and_given_back(space: CSpace) -> None:
         assert asked() == before is True
 
 
-def test_curves_need_a_robot_that_turns_in_the_plane() -> None:
+def test_curves_require_a_robot_that_rotates_in_the_plane() -> None:
     for name, message in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave drive out")):
         space = room(name)
         si = planners.simple_setup(space).getSpaceInformation()

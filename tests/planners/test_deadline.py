@@ -1,4 +1,4 @@
-"""A plan ends within its time limit and a quarter of a second, whatever the planner, the space and the objective."""
+"""Time limits of plans, kept within a quarter of a second."""
 
 import time
 from functools import cache
@@ -10,17 +10,20 @@ import pytest
 import planners
 from cspace import MIXED, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
-from planners.local_planner import CURVES
 from planners.search import Deadline, OutOfTime
-from planning import ANYTIME, CAR, ENDPOINTS, SPACES, compile_for, halves, room
+from planning import ANYTIME_PLANNERS, ENDPOINTS, SPACES_WITH_CURVES, compile_for, halves, options_for, room
 
 LIMIT = 0.015
-SHORT = 0.006
-"""For those that use their time in vain."""
+"""Time limit in seconds."""
+FUTILE_LIMIT = 0.006
+"""Time limit, in seconds, of plans that cannot succeed."""
 
 
 def in_time(space: Any, endpoints: Any, limit: float = LIMIT, **options: Any) -> planners.Plan:
-    """A plan that ended in time; of four at most, for a busy machine may stop a process for longer than that."""
+    """Plan, at most 4 times, until a plan ends in time.
+
+    A busy machine may pause a process for longer than a quarter of a second.
+    """
     for _ in range(4):
         began = time.perf_counter()
         plan = planners.plan(space, *endpoints, time_limit=limit, **options)
@@ -33,7 +36,7 @@ def in_time(space: Any, endpoints: Any, limit: float = LIMIT, **options: Any) ->
 
 @cache
 def warm(name: str) -> tuple[tuple[Any, Any, Any], ...]:
-    """Maps with start and goal, a path between them or not; what is made at the first plan on a map is not counted."""
+    """Build maps with and without a path, and fill their caches by a plan."""
     cases = ((room(name), *ENDPOINTS[name]), halves(name, MIXED))
     for space, start, _ in cases:
         planners.plan(space, start, start, time_limit=0.01)
@@ -41,23 +44,23 @@ def warm(name: str) -> tuple[tuple[Any, Any, Any], ...]:
     return cases
 
 
-@pytest.mark.parametrize(("name", "curve"), [*((n, None) for n in SPACES), *(("turning", c) for c in CURVES)])
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) -> None:
     if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
         return
-    options: dict[str, Any] = {"planner": planner} | ({"drive": curve, **CAR} if curve else {})
+    options = {"planner": planner, **options_for(curve)}
     (space, *endpoints), (parted, *others) = warm(name)
-    assert not in_time(parted, others, SHORT, **options).solved
-    plan = in_time(space, endpoints, SHORT, **options)
-    # One that goes on improving uses its time, and has the path that it found meanwhile.
-    assert planner not in ANYTIME or not plan.solved or plan.times.planning >= 0.9 * SHORT
+    assert not in_time(parted, others, FUTILE_LIMIT, **options).solved
+    plan = in_time(space, endpoints, FUTILE_LIMIT, **options)
+    # Anytime planners use all their time and return their best path.
+    assert planner not in ANYTIME_PLANNERS or not plan.solved or plan.times.planning >= 0.9 * FUTILE_LIMIT
     if planner not in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
-        in_time(space, endpoints, SHORT, objective="clearance", **options)
+        in_time(space, endpoints, FUTILE_LIMIT, objective="clearance", **options)
 
 
 def test_grid_search_keeps_the_time_limit() -> None:
-    """From side to side of a maze, at any rotation, there is little to lead on."""
+    # A maze misleads the heuristic of the search.
     occupied = np.zeros((300, 300), dtype=bool)
     for k in range(1, 10):
         occupied[30 * k : 30 * k + 3] = True
@@ -69,8 +72,8 @@ def test_grid_search_keeps_the_time_limit() -> None:
     assert not plan.solved and plan.status == f"no path found within {LIMIT} s; a path exists"
 
 
-def test_the_widest_path_is_given_up_in_time() -> None:
-    """It has to go over half a map of eleven million cells before it comes to the door."""
+def test_the_search_for_the_widest_path_keeps_the_time_limit() -> None:
+    # The search visits half of eleven million cells before it reaches the door.
     occupied = np.zeros((400, 400), dtype=bool)
     occupied[200], occupied[200, 200:209], occupied[::40, ::40] = True, False, True
     space = build(Workspace.from_array(occupied, 0.05), Robot.rectangle(0.3, 0.2), rotations=72)
@@ -81,8 +84,8 @@ def test_the_widest_path_is_given_up_in_time() -> None:
     assert plan.hint == "planner='Grid', which finds one, or more time (time_limit=0.15)"
 
 
-def test_a_step_that_asks_for_ever_is_cut_off() -> None:
-    """FMT asks for the cost between all pairs of near samples before it looks at the clock."""
+def test_a_planner_step_that_takes_too_long_is_cut_off() -> None:
+    # FMT computes costs between all near samples before it checks the time.
     slow: list[int] = []
 
     class Slow(planners.ClearanceObjective):
@@ -96,7 +99,7 @@ def test_a_step_that_asks_for_ever_is_cut_off() -> None:
     assert slow and plan.solved and plan.status.startswith("path found: the first one, by RRTConnect")
 
 
-def test_a_simplification_that_takes_for_ever_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_simplification_that_takes_too_long_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
     class Slow(planners.MotionValidator):
@@ -113,9 +116,7 @@ def test_a_simplification_that_takes_for_ever_is_cut_off(monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     "options", [{}, {"planner": "RRTstar"}, {"planner": "RRTstar", "objective": "clearance"}], ids=str
 )
-def test_what_is_compiled_takes_no_time_from_the_search(
-    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiling_takes_no_time_from_the_search(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
     class Compiled(planners.MotionValidator):
@@ -156,7 +157,7 @@ def test_a_seed_gives_the_same_plan_whether_it_compiles_or_not(
     assert paths[0] == paths[1] and asked[0] == asked[1] > 0
 
 
-def test_callbacks_refuse_then_raise_and_are_as_before_afterwards() -> None:
+def test_a_deadline_makes_callbacks_refuse_then_raise_and_restores_them() -> None:
     class Asked:
         answer: Any = None
 

@@ -1,4 +1,4 @@
-"""Differential drives turn on the spot and drive straight on, and are proven along what they really do."""
+"""Differential drives: edges that turn, drive straight and turn, and their plans."""
 
 import itertools
 import math
@@ -15,15 +15,15 @@ from maps import proven_paths
 from placements import collides
 from planners import search
 from planners.local_planner import TurnDriveTurn, local_planner
-from planning import ENDPOINTS, check, open_map, room, state_at, turn_between, with_state
+from planning import ENDPOINTS, check, open_map, plan_patiently, room, state_at, turn_between, with_state
 
 DRIVES = ("differential", "differential-reverse")
 
 
 def turns(first: np.ndarray, last: np.ndarray, drive: str) -> np.ndarray:
-    """Yaw at which robots go from one place to another, and by how much they turn before and after, shape (3, ...).
+    """Return the yaw of the straight part and both rotations, shape (3, ...).
 
-    Of several, the one with least turning. Written down without the planners' own arithmetic.
+    Of two directions, the least rotation wins. Shares no arithmetic with the planners.
     """
     way = (last - first)[..., 0] + 1j * (last - first)[..., 1]
     begin, end = np.exp(1j * first[..., 2]), np.exp(1j * last[..., 2])
@@ -36,7 +36,7 @@ def turns(first: np.ndarray, last: np.ndarray, drive: str) -> np.ndarray:
 
 
 def driven(first: np.ndarray, last: np.ndarray, drive: str, each: int = 60) -> np.ndarray:
-    """Configurations of a robot that turns to where it goes, goes there, and turns."""
+    """Return configurations along an edge of a differential drive."""
     (heading, begin, end), t = turns(first, last, drive), np.linspace(0.0, 1.0, each)[:, None]
     rows = [
         np.hstack([np.repeat(first[None, :2], each, axis=0), first[2] + t * begin]),
@@ -47,7 +47,7 @@ def driven(first: np.ndarray, last: np.ndarray, drive: str, each: int = 60) -> n
 
 
 def pairs(space: CSpace, n: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pairs of FREE configurations, mostly near each other; of some the second is straight ahead, or turned alone."""
+    """Draw pairs of FREE configurations, mostly near each other."""
     rng = np.random.default_rng(seed)
     first, last = space.sample_free(n, rng), space.sample_free(n, rng)
     near = rng.random(n) < 0.8
@@ -58,7 +58,7 @@ def pairs(space: CSpace, n: int, seed: int) -> list[tuple[np.ndarray, np.ndarray
 
 
 def check_driven(plan: planners.Plan, drive: str) -> None:
-    """What a robot on two wheels cannot do is not in a path: move to a side, or turn as it moves."""
+    """Check that a path never moves sideways or rotates while it moves."""
     path = plan.path
     steps, turns = np.diff(path[:, :2], axis=0), turn_between(path[:-1, 2], path[1:, 2])
     metres = np.linalg.norm(steps, axis=1)
@@ -75,14 +75,14 @@ def check_driven(plan: planners.Plan, drive: str) -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_an_edge_is_free_where_all_that_is_driven_is(drive: str) -> None:
+def test_an_edge_is_proven_only_if_its_configurations_are_free(drive: str) -> None:
     space = room("turning")
     check_edge, answers = local_planner(space, drive=drive).edge_checker(), set()
     for first, last in pairs(space, 400, 0):
         points = driven(first, last, drive)
         proven, free = check_edge(*first, *last), bool(space.is_free(points).all())
         assert free or not proven
-        # What all has a little room around it is proven.
+        # Edges with some clearance are proven.
         assert proven or not space.is_free_around(points, 0.04, 0.06).all()
         answers.add(proven)
     assert answers == {True, False}
@@ -90,7 +90,7 @@ def test_an_edge_is_free_where_all_that_is_driven_is(drive: str) -> None:
 
 @pytest.mark.parametrize("exact", [False, True])
 @pytest.mark.parametrize("drive", DRIVES)
-def test_a_path_is_proven_by_the_map_itself(drive: str, exact: bool) -> None:
+def test_an_edge_and_its_breakpoints_are_proven_alike(drive: str, exact: bool) -> None:
     space = room("turning")
     edges = local_planner(space, exact, drive)
     assert isinstance(edges, TurnDriveTurn)
@@ -112,7 +112,7 @@ def test_a_path_is_proven_by_the_map_itself(drive: str, exact: bool) -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_what_ompl_interpolates_lies_on_the_edge(drive: str) -> None:
+def test_ompls_interpolation_lies_on_the_edge(drive: str) -> None:
     space = room("turning")
     states = planners.state_space(space, drive=drive)
     si = planners.simple_setup(space, drive=drive).getSpaceInformation()
@@ -130,7 +130,7 @@ def test_what_ompl_interpolates_lies_on_the_edge(drive: str) -> None:
             assert abs(turn_between(out.getYaw(), heading)) < 1e-6
 
 
-def test_a_robot_that_reverses_backs_out_where_it_cannot_turn_around() -> None:
+def test_a_reversing_robot_backs_out_of_a_narrow_corridor() -> None:
     occupied = np.ones((60, 60), dtype=bool)
     occupied[5:55, 26:34] = False  # a corridor of 0.8 m
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
@@ -147,8 +147,8 @@ def test_a_robot_that_reverses_backs_out_where_it_cannot_turn_around() -> None:
         assert validator.checkMotion(*(state_at(space, si, q) for q in endpoints[::-1])) == free
 
 
-def test_a_turn_goes_the_shorter_way_alone() -> None:
-    """A post beside the robot stands in the way of a turn to the left; the longer one, to the right, is not taken."""
+def test_a_rotation_takes_only_the_shorter_direction() -> None:
+    # A post blocks the rotation to the left; the longer rotation to the right is not tried.
     state = np.zeros((36, 5, 5), np.uint8)
     state[int(with_state(state, 36).rotations.cell_of(0.5))] = MIXED
     check_edge = local_planner(with_state(state, 36), drive="differential").edge_checker()
@@ -160,21 +160,16 @@ def test_a_turn_goes_the_shorter_way_alone() -> None:
 
 
 @pytest.mark.parametrize("planner", planners.planner_names())
-def test_every_planner_finds_what_can_be_driven(planner: str) -> None:
+def test_every_planner_finds_a_drivable_path(planner: str) -> None:
     space = room("turning")
-    for drive in DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]:  # the others take seconds
-        for limit in (0.1, 0.5, 20.0):
-            plan = planners.plan(space, *ENDPOINTS["turning"], planner=planner, drive=drive, seed=1, time_limit=limit)
-            if plan.solved:
-                break
+    for drive in DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]:  # other planners take seconds
+        plan = plan_patiently(space, ENDPOINTS["turning"], (0.1, 0.5, 20.0), planner=planner, drive=drive)
         check(space, plan, *ENDPOINTS["turning"])
         check_driven(plan, drive)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
-    drive: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_roadmap_path_is_shortest_including_its_rotations(drive: str, monkeypatch: pytest.MonkeyPatch) -> None:
     space, made, real = room("turning"), list[ob.Planner](), search.make_planner
     monkeypatch.setattr(search, "make_planner", lambda *of: made.append(real(*of)) or made[-1])
     plan = planners.plan(
@@ -196,7 +191,7 @@ def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_no_point_of_a_path_collides(drive: str) -> None:
-    """The robot's own rectangle, placed along what is driven, against every obstacle."""
+    # Rectangles along the path avoid every obstacle, by shapely.
     space = room("turning")
     lengths = []
     for seed in range(4):
@@ -213,7 +208,7 @@ def test_no_point_of_a_path_collides(drive: str) -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_waypoints_are_left_as_they_are_come_to(drive: str) -> None:
+def test_remove_turns_keeps_the_yaw_of_arrival(drive: str) -> None:
     edges = local_planner(open_map("turning"), drive=drive)
     path = np.array([(1.0, 1.0, 0.5), (3.0, 1.5, -2.0), (5.0, 4.0, 1.0), (5.0, 6.0, 0.0)])
     settled = edges.remove_turns(path)
@@ -221,10 +216,10 @@ def test_waypoints_are_left_as_they_are_come_to(drive: str) -> None:
     turns = [edges.split_path(rows, math.inf, math.inf).rotations.sum() for rows in (settled, path)]
     assert turns[0] < turns[1] - 1.0
     corners = edges.breakpoints(settled)
-    assert len(corners) == 8 and edges.are_free(settled)  # three lines, and a turn at each of the four places
+    assert len(corners) == 8 and edges.are_free(settled)  # three lines, and a rotation at each of four positions
 
 
-def test_exact_geometry_proves_what_the_grid_cannot() -> None:
+def test_exact_geometry_proves_a_path_through_mixed_cells() -> None:
     occupied = np.zeros((40, 40), dtype=bool)
     occupied[18:22] = True
     occupied[18:22, 18:22] = False  # a gap of 0.4 m in a wall
@@ -236,6 +231,6 @@ def test_exact_geometry_proves_what_the_grid_cannot() -> None:
     check_driven(plan, "differential")
 
 
-def test_a_drive_that_is_none_is_refused() -> None:
+def test_an_unknown_drive_is_refused() -> None:
     with pytest.raises(InputError, match=r"drive is 'sideways'.*'holonomic', 'differential'"):
         planners.state_space(room("turning"), drive="sideways")

@@ -1,4 +1,4 @@
-"""The cost of an edge is the integral along it, in every space and along curves."""
+"""Costs of edges, in every space and along curves."""
 
 import itertools
 import math
@@ -9,18 +9,16 @@ import pytest
 
 import planners
 from cspace import InputError
-from planners.local_planner import CURVES, local_planner
+from planners.local_planner import local_planner
 from planners.states import kind_of
-from planning import CAR, SPACES, edges_from, room, state_at
-
-EDGES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
+from planning import SPACES, SPACES_WITH_CURVES, edges_from, options_for, room, state_at
 
 
-@pytest.mark.parametrize(("name", "curve"), EDGES)
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 @pytest.mark.parametrize("reach", [0.4, 2.5])
 def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | None, reach: float) -> None:
     space, read = room(name), kind_of(room(name)).read
-    options: dict[str, Any] = {} if curve is None else {"drive": curve, **CAR}
+    options = options_for(curve)
     setup = planners.simple_setup(space, **options)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
     objective = planners.ClearanceObjective(si, space, weight=6.0, clearance_threshold=0.4, **options)
@@ -47,7 +45,7 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | No
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_no_weight_leaves_the_length(name: str) -> None:
+def test_zero_weight_gives_the_length(name: str) -> None:
     space = room(name)
     setup = planners.simple_setup(space)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
@@ -67,7 +65,7 @@ def test_no_weight_leaves_the_length(name: str) -> None:
         {"clearance_threshold": math.inf},
     ],
 )
-def test_wrong_weights_are_refused(options: dict[str, Any]) -> None:
+def test_invalid_weights_are_refused(options: dict[str, Any]) -> None:
     space = room("plane")
     with pytest.raises(InputError, match=next(iter(options))):
         planners.ClearanceObjective(planners.simple_setup(space).getSpaceInformation(), space, **options)

@@ -1,4 +1,4 @@
-"""Passages a hair wider than the robot: plans that cross them, and none that crosses what is no wider."""
+"""Plans through passages a hair wider than the robot."""
 
 import itertools
 
@@ -14,19 +14,20 @@ from cspace.map.search import open_chain
 from maps import proven_paths
 from placements import collides
 from planners.local_planner import EdgesOnMap
-from planning import compile_for, edge
+from planning import along_edge, compile_for
 
 WIDTH = 0.5
+"""Width of the robot in metres."""
 
 
 @pytest.fixture
 def soon_chains(monkeypatch):
-    """The planner, which would not find the passage in the second that it has to itself, has a tenth of one."""
+    """Shorten the planner's first time slot."""
     monkeypatch.setattr(planners.passages, "FIRST_SLOT_SHARE", 0.001)
 
 
 def corridor(gap, robot, rotations=72, spacing=WIDTH / 5):
-    """Two rooms, joined by a corridor 2 m long, and the map of a robot in them."""
+    """Build two rooms with a corridor; return map and walls."""
     walls = [shapely.box(1.5, 0, 3.5, 1.5 - gap / 2), shapely.box(1.5, 1.5 + gap / 2, 3.5, 3)]
     workspace = Workspace.from_polygons(walls, spacing, bounds=(0, 0, 5, 3))
     return cspace.build(workspace, robot, rotations=rotations), shapely.union_all(walls)
@@ -43,15 +44,15 @@ def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(endpoints, seed
     assert plan.solved and plan.certified and plan.status.startswith("path found")
     assert plan.path[0] == pytest.approx(endpoints[0]) and plan.path[-1] == pytest.approx(endpoints[1])
     for first, second in itertools.pairwise(plan.waypoints):
-        assert not collides(space, edge(space, first, second, np.linspace(0, 1, 200))[0], [walls]).any()
+        assert not collides(space, along_edge(space, first, second, np.linspace(0, 1, 200))[0], [walls]).any()
 
 
-def test_without_exact_it_is_not_crossed():
+def test_without_exact_the_corridor_is_not_crossed():
     space, _ = corridor(WIDTH * 1.02, Robot.rectangle(0.8, WIDTH))
     assert not planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), seed=0, time_limit=0.2).solved
 
 
-def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
+def test_compiling_chains_takes_no_time_from_the_search(monkeypatch):
     space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
     endpoints, begun = ((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), []
 
@@ -66,22 +67,22 @@ def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
     assert begun and plan.times.setup >= 0.6 and plan.times.planning < 0.6
 
 
-def test_a_disc_crosses_in_the_plane():
+def test_a_disc_crosses_the_corridor():
     space, _ = corridor(WIDTH * 1.02, Robot.disc(WIDTH / 2), rotations=None)
     plan = planners.plan(space, (0.7, 1.0), (4.3, 2.0), exact=True, seed=1, time_limit=30)
     assert plan.solved and plan.certified and plan.status.startswith("path found")
 
 
-def test_a_corridor_that_is_no_wider_is_never_crossed():
+def test_a_corridor_as_wide_as_the_robot_is_never_crossed():
     space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
     plan = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=0.6)
     assert not plan.solved and not len(plan.path)
-    # Nor by any edge that runs through the middle, but for a hair.
+    # No edge near the middle line is free either.
     hair = np.random.default_rng(0).normal(size=(2, 500, 3)) * 10.0 ** np.linspace(-17, -3, 500)[:, None]
     assert not space.motion_is_free(*hair + np.array([(1.0, 1.5, 0.0), (4.0, 1.5, 0.0)])[:, None], exact=True).any()
 
 
-def test_what_the_map_decides_needs_no_passages():
+def test_a_wide_corridor_needs_no_passage_search():
     space, _ = corridor(WIDTH * 2.5, Robot.rectangle(0.8, WIDTH))
     plan = planners.plan(space, (0.7, 1.0, 0.0), (4.3, 2.0, 0.0), exact=True, seed=0, time_limit=10)
     assert plan.solved and "passages" not in plan.status
@@ -89,7 +90,7 @@ def test_what_the_map_decides_needs_no_passages():
 
 
 def doors(robot, rotations):
-    """Three rooms whose doors are not opposite each other."""
+    """Build three rooms with doors on alternate sides."""
     dim = robot.dim
     occupied = np.zeros((40, 16, 6)[:dim], dtype=bool)
     occupied[[12, 26]] = True
@@ -109,7 +110,7 @@ def doors(robot, rotations):
     ],
     ids=["R^2", "R^3", "SE(2)", "R^3 x yaw", "SE(3)"],
 )
-def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, robot, rotations, turn, exact):
+def test_a_slow_planner_is_replaced_by_a_path_along_free_cells(monkeypatch, robot, rotations, turn, exact):
     space = doors(robot, rotations)
     endpoints = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
     assert space.is_connected(*endpoints)
@@ -128,7 +129,7 @@ def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, ro
 
 
 def shaft(gap, robot, spacing=WIDTH / 5):
-    """Two rooms, joined by a square shaft 1 m long: the map of a robot, and the corners of the walls."""
+    """Build two rooms with a shaft; return map and corners of walls."""
     low, high = 1.0 - gap / 2, 1.0 + gap / 2
     walls = np.array(
         [
@@ -144,31 +145,31 @@ def shaft(gap, robot, spacing=WIDTH / 5):
     return cspace.build(workspace, robot), walls
 
 
-ROBOTS = [Robot.box((0.6, WIDTH, WIDTH)), Robot.ball(WIDTH / 2)]
-ENDPOINTS = (0.6, 0.7, 0.8), (3.4, 1.3, 1.2)
+SHAFT_ROBOTS = [Robot.box((0.6, WIDTH, WIDTH)), Robot.ball(WIDTH / 2)]
+SHAFT_ENDPOINTS = (0.6, 0.7, 0.8), (3.4, 1.3, 1.2)
 
 
 @pytest.mark.usefixtures("soon_chains")
-@pytest.mark.parametrize(("robot", "seed"), [(ROBOTS[0], 1), (ROBOTS[1], 0)], ids=["box", "ball"])
+@pytest.mark.parametrize(("robot", "seed"), [(SHAFT_ROBOTS[0], 1), (SHAFT_ROBOTS[1], 0)], ids=["box", "ball"])
 def test_a_shaft_four_per_cent_wider_than_the_robot_is_crossed(robot, seed):
     space, walls = shaft(WIDTH * 1.04, robot)
-    assert proven_paths(space, *ENDPOINTS) is None
-    assert not planners.plan(space, *ENDPOINTS, seed=0, time_limit=0.1).solved
-    plan = planners.plan(space, *ENDPOINTS, exact=True, seed=seed, time_limit=120)
+    assert proven_paths(space, *SHAFT_ENDPOINTS) is None
+    assert not planners.plan(space, *SHAFT_ENDPOINTS, seed=0, time_limit=0.1).solved
+    plan = planners.plan(space, *SHAFT_ENDPOINTS, exact=True, seed=seed, time_limit=120)
     assert plan.solved and plan.certified and plan.exact and plan.status.startswith("path found")
     assert (space.classify(plan.path) != BLOCKED).all() and (space.classify(plan.path) == MIXED).any()
-    assert tuple(plan.path[0]) == ENDPOINTS[0] and tuple(plan.path[-1]) == ENDPOINTS[1]
+    assert tuple(plan.path[0]) == SHAFT_ENDPOINTS[0] and tuple(plan.path[-1]) == SHAFT_ENDPOINTS[1]
     along = np.linspace(0.0, 1.0, 1000)[:, None, None]
     points = (plan.path[:-1] + along * np.diff(plan.path, axis=0)).reshape(-1, 1, 3)
-    reach = 0.5 * np.array([0.6, WIDTH, WIDTH]) if robot is ROBOTS[0] else np.zeros(3)
-    apart = np.maximum(np.maximum(walls[:, 0] - points, points - walls[:, 1]) - reach, 0.0)
-    assert np.linalg.norm(apart, axis=-1).min() > (0.0 if robot is ROBOTS[0] else WIDTH / 2)
+    half_sides = 0.5 * np.array([0.6, WIDTH, WIDTH]) if robot is SHAFT_ROBOTS[0] else np.zeros(3)
+    apart = np.maximum(np.maximum(walls[:, 0] - points, points - walls[:, 1]) - half_sides, 0.0)
+    assert np.linalg.norm(apart, axis=-1).min() > (0.0 if robot is SHAFT_ROBOTS[0] else WIDTH / 2)
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=["box", "ball"])
-def test_a_shaft_that_is_no_wider_is_never_crossed(robot):
+@pytest.mark.parametrize("robot", SHAFT_ROBOTS, ids=["box", "ball"])
+def test_a_shaft_as_wide_as_the_robot_is_never_crossed(robot):
     space, _ = shaft(WIDTH, robot)
-    plan = planners.plan(space, *ENDPOINTS, exact=True, seed=0, time_limit=0.4)
+    plan = planners.plan(space, *SHAFT_ENDPOINTS, exact=True, seed=0, time_limit=0.4)
     assert not plan.solved and not len(plan.path)
     hair = np.random.default_rng(0).normal(size=(2, 500, 3)) * 10.0 ** np.linspace(-17, -3, 500)[:, None]
     assert not space.motion_is_free(*hair + np.array([(1.0, 1.0, 1.0), (3.0, 1.0, 1.0)])[:, None], exact=True).any()

@@ -1,4 +1,4 @@
-"""A plan is right, says what it is, and can be repeated: every planner, in every space and along curves."""
+"""Plans of every planner, in every space and along curves."""
 
 import itertools
 import math
@@ -23,14 +23,17 @@ from planners.catalogue import (
 )
 from planners.local_planner import CURVES
 from planning import (
-    ANYTIME,
+    ANYTIME_PLANNERS,
     CAR,
     ENDPOINTS,
     SPACES,
+    SPACES_WITH_CURVES,
     check,
-    check_none,
+    check_failed,
     halves,
     open_map,
+    options_for,
+    plan_patiently,
     room,
     state_at,
     turn_between,
@@ -39,44 +42,28 @@ from planning import (
 from refusals import refusals
 from strategies import seeds
 
-NAMES = planners.planner_names()
-JOINED = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
-"""Spaces, and how configurations are joined in them."""
-
-HEEDING = sorted(set(NAMES) - PLANNERS_WITHOUT_OBJECTIVE - THREADED_PLANNERS - {"FMT", "BFMT"})
-
-
-def options_for(curve: str | None) -> dict[str, Any]:
-    return {} if curve is None else {"drive": curve, **CAR}
+OMPL_PLANNERS = planners.planner_names()
+OPTIMIZING_PLANNERS = sorted(set(OMPL_PLANNERS) - PLANNERS_WITHOUT_OBJECTIVE - THREADED_PLANNERS - {"FMT", "BFMT"})
 
 
 @pytest.fixture
 def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For FMT and BFMT, of which OMPL alone measures all distances: of a thousand, along curves, for two seconds."""
+    """Give FMT and BFMT 300 samples; 1000 take two seconds along curves."""
     few = dict.fromkeys(("FMT", "BFMT"), lambda planner: planner.setNumSamples(300))
     monkeypatch.setattr("planners.catalogue.PLANNER_SETTINGS", PLANNER_SETTINGS | few)
 
 
 def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
-    """Start and goal that all planners join, also along curves."""
+    """Return a start and goal that every planner joins."""
     return (ENDPOINTS[name][0], (3.0, 3.0, 0.0)) if curve else ENDPOINTS[name]
-
-
-def patient(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
-    """A plan; the longer time limits are for a busy machine, and each has a seed of its own, for some are unlucky."""
-    for seed, limit in enumerate(limits, 1):
-        plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
-        if plan.solved:
-            break
-    return plan
 
 
 # ---- every planner ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("few_samples")
-@pytest.mark.parametrize(("name", "curve"), JOINED)
-@pytest.mark.parametrize("planner", NAMES)
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+@pytest.mark.parametrize("planner", OMPL_PLANNERS)
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
     if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
         with pytest.raises(InputError, match="choose another planner"):
@@ -84,16 +71,18 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
         return
     space, endpoints = room(name), endpoints_in(name, curve)
     limits = (20.0,) if planner.endswith("FMT") else (0.01, 0.1, 1.0, 20.0)
-    plan = patient(space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME, **options_for(curve))
+    plan = plan_patiently(
+        space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME_PLANNERS, **options_for(curve)
+    )
     check(space, plan, *endpoints)
     assert (plan.planner, plan.objective, plan.drive, plan.exact) == (planner, "length", curve or "holonomic", False)
     assert plan.is_connected and plan.turning_radius == (CAR["turning_radius"] if curve else None)
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("planner", NAMES)
-def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> None:
-    # OMPL's SORRTstar would never return from here.
+@pytest.mark.parametrize("planner", OMPL_PLANNERS)
+def test_every_planner_returns_a_free_edge_without_a_search(planner: str) -> None:
+    # OMPL's SORRTstar would never return.
     for objective in ("length", ob.PathLengthOptimizationObjective):
         if objective != "length" and planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
             continue
@@ -110,15 +99,15 @@ def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> N
 
 
 @pytest.mark.parametrize("curve", CURVES)
-def test_the_single_curve_is_taken_where_it_is_free(curve: str) -> None:
+def test_a_free_curve_is_returned_without_a_search(curve: str) -> None:
     endpoints = (0.6, 0.8, 0.0), (1.2, 0.95, 0.45)
     plan = planners.plan(room("turning"), *endpoints, **options_for(curve))
     check(room("turning"), plan, *endpoints)
     assert len(plan.waypoints) == 2 and "no search needed" in plan.status and len(plan.path) > 4
 
 
-@pytest.mark.parametrize(("name", "curve"), JOINED)
-def test_a_robot_that_is_there_stays(name: str, curve: str | None) -> None:
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+def test_a_plan_from_the_goal_stays_there(name: str, curve: str | None) -> None:
     space, start = room(name), ENDPOINTS[name][0]
     plan = planners.plan(space, start, start, **options_for(curve))
     check(space, plan, start, start)
@@ -126,8 +115,8 @@ def test_a_robot_that_is_there_stays(name: str, curve: str | None) -> None:
     assert plan.clearance == space.clearance(start) and "start is the goal" in plan.status
 
 
-@pytest.mark.parametrize(("name", "curve"), JOINED)
-def test_many_seeds_give_certified_paths_and_simplifying_makes_none_longer(name: str, curve: str | None) -> None:
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | None) -> None:
     space, endpoints, gains, directions = room(name), endpoints_in(name, curve), [], set()
     for seed in range(3):
         options = {"seed": seed, "time_limit": 20.0, **options_for(curve)}
@@ -137,13 +126,13 @@ def test_many_seeds_give_certified_paths_and_simplifying_makes_none_longer(name:
             directions |= set() if plan.direction is None else set(plan.direction.tolist())
         assert rough.times.simplification == 0.0 < short.times.simplification
         gains.append(rough.length / short.length)
-    # Of a robot that turns, OMPL shortens metres and radians together.
+    # If the robot rotates, OMPL shortens the sum of metres and radians.
     turns = room(name).size > room(name).grid.dim and curve is None
     assert (min(gains) >= 1 - 1e-9 or turns) and max(gains) > 1.02
     assert directions == {None: set(), "dubins": {1}, "reeds-shepp": {1, -1}}[curve]
 
 
-def test_yaw_goes_along_the_shorter_arc_and_is_wrapped() -> None:
+def test_yaw_takes_the_shorter_arc_and_is_wrapped() -> None:
     space = room("turning")
     plan = planners.plan(space, (0.8, 0.8, 3.0 + 4 * math.pi), (0.9, 0.8, -3.0))
     check(space, plan, (0.8, 0.8, 3.0), (0.9, 0.8, -3.0))
@@ -152,15 +141,15 @@ def test_yaw_goes_along_the_shorter_arc_and_is_wrapped() -> None:
     assert planners.plan(space, (0.8, 0.8, math.pi), (0.8, 0.8, -math.pi)).path.tolist() == [[0.8, 0.8, -math.pi]]
 
 
-def test_a_z_beyond_pi_is_not_wrapped_as_a_yaw_would_be() -> None:
+def test_a_z_beyond_pi_is_not_wrapped() -> None:
     space = build(Workspace.from_array(np.zeros((6, 6, 12), dtype=bool), 1.0, lower=(0, 0, -6)), Robot.ball(0.1))
     plan = planners.plan(space, (1.5, 1.5, -4.5), (4.5, 4.5, 4.5))
     assert plan.path.tolist() == [[1.5, 1.5, -4.5], [4.5, 4.5, 4.5]]
     assert plan.length == pytest.approx(math.sqrt(9 + 9 + 81))
 
 
-@pytest.mark.parametrize(("name", "curve"), JOINED)
-def test_a_path_that_ompl_spoiled_is_not_called_certified(
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+def test_a_path_with_false_motions_is_not_certified(
     name: str, curve: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Lenient(planners.MotionValidator):
@@ -176,7 +165,7 @@ def test_a_path_that_ompl_spoiled_is_not_called_certified(
 @settings(max_examples=12)
 @given(seeds, st.sampled_from(["box", "ball", "voxels"]))
 def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
-    """Points of every edge against every obstacle cell, by arithmetic that shares nothing with the map."""
+    # Points of every edge avoid every obstacle cell, by arithmetic independent of the map.
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(6, 12, 3)) < rng.uniform(0.0, 0.12)
     lower, side, center = rng.uniform(-50.0, 50.0, 3), rng.uniform(0.02, 0.9), rng.uniform(-0.2, 0.2, 3)
@@ -185,7 +174,7 @@ def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
         "ball": lambda: Robot.ball(side / 2, center),
         "voxels": lambda: Robot.from_bitmap(np.ones((2, 1, 3), dtype=bool), side / 3, center - side / 2),
     }[kind]()
-    half = side / 2 / math.sqrt(3)  # of a cube within the ball
+    half = side / 2 / math.sqrt(3)  # half the side of a cube in the ball
     low, high = {
         "box": (center - np.array([side, 0.3, 0.1]) / 2, center + np.array([side, 0.3, 0.1]) / 2),
         "ball": (center - half, center + half),
@@ -208,7 +197,7 @@ def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
             assert not ((first < corners + 0.3 - 1e-9) & (last > corners + 1e-9)).all(axis=-1).any()
 
 
-def test_on_a_real_map_a_path_is_found_where_one_is_proven_to_exist(data: Path) -> None:
+def test_a_path_that_exists_is_found_on_a_real_map(data: Path) -> None:
     space = build(Workspace.open(data / "maps" / "depot.yaml"), Robot.disc(0.3))
     endpoints = space.sample_free(16, np.random.default_rng(0))
     proofs = set()
@@ -220,7 +209,7 @@ def test_on_a_real_map_a_path_is_found_where_one_is_proven_to_exist(data: Path) 
     assert True in proofs
 
 
-def test_grid_joins_whatever_free_cells_join() -> None:
+def test_grid_finds_paths_along_free_cells_only() -> None:
     for name in ("plane", "space"):
         plan = planners.plan(room(name), *ENDPOINTS[name], planner="grid")
         check(room(name), plan, *ENDPOINTS[name])
@@ -230,11 +219,11 @@ def test_grid_joins_whatever_free_cells_join() -> None:
         assert plan.path.tolist() == planners.plan(room(name), *ENDPOINTS[name], planner="Grid", seed=3).path.tolist()
         space, start, goal = halves(name, MIXED)
         missed = planners.plan(space, start, goal, planner="Grid")
-        check_none(space, missed)
+        check_failed(space, missed)
         assert missed.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
 
 
-def test_grid_turns_only_where_it_must() -> None:
+def test_grid_rotates_only_if_necessary() -> None:
     state = np.zeros((4, 3, 3), np.uint8)
     state[1] = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]
     space = with_state(state, 4)
@@ -246,7 +235,7 @@ def test_grid_turns_only_where_it_must() -> None:
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_the_widest_path_has_more_room_than_others(name: str) -> None:
+def test_max_clearance_has_at_least_the_clearance_of_other_planners(name: str) -> None:
     space, endpoints = room(name), ENDPOINTS[name]
     plan, other = (
         planners.plan(space, *endpoints, planner=each, seed=1, time_limit=20.0) for each in ("maxclearance", None)
@@ -264,9 +253,9 @@ def test_the_widest_path_has_more_room_than_others(name: str) -> None:
 # ---- no path ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "curve"), JOINED)
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 @pytest.mark.parametrize("planner", [None, "PRM", "BITstar", "FMT"])
-def test_a_proof_that_no_path_exists_spares_the_search(
+def test_a_proof_that_no_path_exists_prevents_the_search(
     name: str, curve: str | None, planner: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
@@ -274,24 +263,24 @@ def test_a_proof_that_no_path_exists_spares_the_search(
     space, start, goal = halves(name, BLOCKED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(curve))
-    check_none(space, plan)
+    check_failed(space, plan)
     assert plan.is_disconnected and plan.times.planning == 0.0
     assert (plan.status, plan.hint) == ("no path exists: proven", "")
 
 
 @pytest.mark.parametrize("name", ENDPOINTS)
-def test_whether_a_path_exists_is_asked_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connectivity_is_queried_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ask, asked = CSpace._connectivity, list[Any]()
     monkeypatch.setattr(CSpace, "_connectivity", lambda *q: asked.append(q) or ask(*q))
     plan = planners.plan(room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1)
     assert plan.certified and len(asked) == 1
 
 
-def test_where_a_path_exists_the_status_says_so() -> None:
-    for name, curve in JOINED:
+def test_the_status_says_if_a_path_exists() -> None:
+    for name, curve in SPACES_WITH_CURVES:
         options = {"time_limit": 1e-6, "planner": "RRT", **options_for(curve)}
         plan = planners.plan(room(name), *endpoints_in(name, curve), **options)
-        check_none(room(name), plan)
+        check_failed(room(name), plan)
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
         assert plan.status == f"no path found within 1e-06 s; {known}" and plan.is_connected
         assert "time_limit=1e-05" in plan.hint and ("planner='Grid', which finds one" in plan.hint) == (not curve)
@@ -301,8 +290,8 @@ def test_where_a_path_exists_the_status_says_so() -> None:
 
 # ---- start and goal --------------------------------------------------------------------------------------------------
 
-ROW = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
-"""States of cells of 1 m in a row."""
+ROW_STATES = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
+"""States of a row of cells of 1 m."""
 
 
 @pytest.mark.parametrize(
@@ -317,11 +306,11 @@ ROW = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
     ],
 )
 @pytest.mark.parametrize("shape", [(5, 1), (5, 1, 1), (4, 5, 1)])
-def test_an_end_that_cannot_be_used_is_named_with_its_state_and_the_nearest_free_one(
+def test_an_unusable_endpoint_is_named_with_its_state_and_the_nearest_free_one(
     shape: tuple[int, ...], x: float, other: float, message: str, nearest: float
 ) -> None:
     turning = shape[0] == 4
-    state = np.tile(ROW[:, None], (4, 1, 1)) if turning else ROW.reshape(shape)
+    state = np.tile(ROW_STATES[:, None], (4, 1, 1)) if turning else ROW_STATES.reshape(shape)
     space = with_state(state, 4 if turning else None)
     rest = (0.1,) if turning else (0.5,) * (len(shape) - 2)
     bad, good = (x, other, *rest), (0.5, 0.5, *rest)
@@ -335,7 +324,7 @@ def test_an_end_that_cannot_be_used_is_named_with_its_state_and_the_nearest_free
         assert planners.plan(space, error.nearest, error.nearest).solved
 
 
-def test_an_end_outside_the_map_cannot_be_used_even_where_it_is_free() -> None:
+def test_a_free_endpoint_outside_the_map_is_refused() -> None:
     space = open_map("plane")
     assert space.is_free((12.0, 4.5)) and space.motion_is_free((12.0, 4.5), (4.5, 4.5))
     with pytest.raises(ConfigurationError, match=r"goal .* outside the map") as caught:
@@ -343,7 +332,7 @@ def test_an_end_outside_the_map_cannot_be_used_even_where_it_is_free() -> None:
     assert caught.value.nearest == (8.5, 4.5)
 
 
-def test_a_map_without_free_cells_has_no_nearest_one() -> None:
+def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     with pytest.raises(ConfigurationError, match="no FREE configuration at all") as caught:
         planners.plan(with_state(np.full((3, 3), MIXED, dtype=np.uint8)), (1.5, 1.5), (2.5, 2.5))
     assert caught.value.nearest is None
@@ -418,7 +407,7 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
     ("turning", {"drive": None}, "drive is None"),
     ("space", {"drive": "reeds-shepp", "turning_radius": 1.0}, "drive is 'reeds-shepp'.*are .x, y, z."),
 )
-def test_wrong_input_is_named(name: str, wrong: dict[str, Any], message: str) -> None:
+def test_invalid_arguments_are_refused(name: str, wrong: dict[str, Any], message: str) -> None:
     start, goal = ENDPOINTS[name]
     with pytest.raises(InputError, match=message) as caught:
         planners.plan(**{"space": room(name), "start": start, "goal": goal} | wrong)
@@ -429,11 +418,11 @@ def test_wrong_input_is_named(name: str, wrong: dict[str, Any], message: str) ->
 
 
 @pytest.mark.usefixtures("few_samples")
-@pytest.mark.parametrize("planner", sorted(set(NAMES) - THREADED_PLANNERS))
-def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
-    limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 200} if planner in ANYTIME else {})
-    for name, curve in JOINED:
-        if planner not in ANYTIME | {"RRT"} and (curve or name in ("space", "yawing")):
+@pytest.mark.parametrize("planner", sorted(set(OMPL_PLANNERS) - THREADED_PLANNERS))
+def test_a_seed_repeats_a_run_after_other_runs(planner: str) -> None:
+    limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 200} if planner in ANYTIME_PLANNERS else {})
+    for name, curve in SPACES_WITH_CURVES:
+        if planner not in ANYTIME_PLANNERS | {"RRT"} and (curve or name in ("space", "yawing")):
             continue
 
         def run(seed: int, name: str = name, curve: str | None = curve) -> list[list[float]]:
@@ -451,7 +440,7 @@ def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
         assert first == run(7) and (other != first or not first)
 
 
-def test_ompl_is_quiet_and_its_log_level_is_left_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
+def test_ompl_prints_nothing_and_keeps_its_log_level(capfd: pytest.CaptureFixture[str]) -> None:
     ou.setLogLevel(ou.LOG_INFO)
     try:
         planners.plan(room("plane"), *ENDPOINTS["plane"], seed=3)
@@ -466,7 +455,7 @@ def test_ompl_is_quiet_and_its_log_level_is_left_as_it_was(capfd: pytest.Capture
 # ---- objectives ------------------------------------------------------------------------------------------------------
 
 
-def test_an_objective_of_ones_own_is_called_and_keeps_away_from_walls() -> None:
+def test_a_custom_objective_is_called_and_widens_the_path() -> None:
     calls, space = [], room("plane")
 
     class Counted(planners.ClearanceObjective):
@@ -484,14 +473,16 @@ def test_an_objective_of_ones_own_is_called_and_keeps_away_from_walls() -> None:
     assert wide.clearance > short.clearance + 0.15 and wide.length > short.length
     assert wide.path.tolist() == same.path.tolist()
     assert (short.objective, wide.objective, same.objective) == ("length", "custom", "clearance")
-    # Of the quick paths that a planner has to beat, only the best is improved to the end.
+    # Of the quick paths that a planner must beat, only the best is improved to the end.
     calls.clear()
     planners.plan(space, *ENDPOINTS["plane"], objective=lambda si: Counted(si, space), **options | {"iterations": 1})
     assert 100 < len(calls) < 25_000
 
 
-@pytest.mark.parametrize(("planner", "name"), [*((each, "plane") for each in HEEDING), ("RRTstar", "space")])
-def test_the_planners_that_heed_an_objective_find_a_cheaper_path(planner: str, name: str) -> None:
+@pytest.mark.parametrize(
+    ("planner", "name"), [*((each, "plane") for each in OPTIMIZING_PLANNERS), ("RRTstar", "space")]
+)
+def test_optimizing_planners_find_a_cheaper_path(planner: str, name: str) -> None:
     space = room(name)
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.ClearanceObjective(si, space)
@@ -511,8 +502,8 @@ def test_the_planners_that_heed_an_objective_find_a_cheaper_path(planner: str, n
         assert cost(wide) <= cost(rough) * (1 + 1e-12)
 
 
-@pytest.mark.parametrize(("name", "curve"), JOINED)
-def test_a_planner_that_finds_nothing_has_a_quick_path_to_improve(name: str, curve: str | None) -> None:
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+def test_a_planner_without_a_path_improves_a_quick_path(name: str, curve: str | None) -> None:
     space, endpoints, drive = room(name), endpoints_in(name, curve), options_for(curve)
     si = planners.simple_setup(space, **drive).getSpaceInformation()
     objective, costs = planners.ClearanceObjective(si, space, **drive), []
@@ -526,16 +517,16 @@ def test_a_planner_that_finds_nothing_has_a_quick_path_to_improve(name: str, cur
     assert "the first one" in plan.status and costs[1] < 0.9 * costs[0]
 
 
-@pytest.mark.parametrize("planner", HEEDING)
+@pytest.mark.parametrize("planner", OPTIMIZING_PLANNERS)
 @pytest.mark.parametrize("curve", [None, *CURVES])
-def test_an_objective_goes_with_turns_and_curves(curve: str | None, planner: str) -> None:
+def test_optimizing_planners_work_with_rotations_and_curves(curve: str | None, planner: str) -> None:
     options: dict[str, Any] = {"planner": planner, "objective": "clearance", "iterations": 60, **options_for(curve)}
     endpoints = (0.6, 1.0, 0.0), (1.2, 3.3, 1.0)
-    plan = patient(room("turning"), endpoints, (0.1, 2.0, 20.0), **options)
+    plan = plan_patiently(room("turning"), endpoints, (0.1, 2.0, 20.0), **options)
     check(room("turning"), plan, *endpoints)
 
 
-def test_an_error_in_a_callback_comes_out() -> None:
+def test_an_error_in_a_callback_is_raised() -> None:
     class Broken(planners.ClearanceObjective):
         def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
             raise KeyError("broken")

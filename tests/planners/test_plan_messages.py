@@ -1,4 +1,4 @@
-"""Plans as messages of ROS: poses against SciPy's rotations, times by their rules, and messages of both versions."""
+"""Plans as messages of ROS 1 and 2."""
 
 import copy
 import sys
@@ -13,28 +13,25 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import planners
-from cspace import InputError, Robot
-from cspace.arms import Arm, PosedShape, build_arm_space
+from cspace import InputError
+from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
 from planning import ENDPOINTS, SPACES, room
 from refusals import refusals
-from urdfs import joint, link, planar, written
+from urdfs import joint, link, planar, post, written
 
 
 @pytest.fixture(scope="module")
 def arm_plan(tmp_path_factory: pytest.TempPathFactory) -> planners.Plan:
     pytest.importorskip("yourdfpy")
-    pose = np.eye(4)
-    pose[:2, 3] = 1.55, 0.6
-    arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
-    space = build_arm_space({"post": PosedShape(Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"))))
     return planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=20.0, seed=1)
 
 
 @pytest.mark.parametrize("name", SPACES)
 def test_path_message_holds_the_poses_of_the_plan(name: str) -> None:
     plan = planners.plan(room(name), *ENDPOINTS[name], time_limit=20.0, seed=1)
-    for each in (plan, copy.deepcopy(plan)):  # a copy has no map
+    for each in (plan, copy.deepcopy(plan)):  # copies have no map
         msg = each.to_path(frame_id="odom")
         assert isinstance(msg, messages.Path) and len(msg.poses) == len(plan.path)
         assert {msg.header.frame_id, *(pose.header.frame_id for pose in msg.poses)} == {"odom"}
@@ -49,18 +46,18 @@ def test_path_message_holds_the_poses_of_the_plan(name: str) -> None:
 
 
 class PoseStamped(messages.PoseStamped):
-    """A class of elements that a message names."""
+    """An element of ROS 2, declared by ``PathOf2``."""
 
 
 class Point(SimpleNamespace):
-    """A point of ROS 1, whose durations have other names for their fields."""
+    """An element of ROS 1, whose durations have fields ``secs`` and ``nsecs``."""
 
     def __init__(self) -> None:
         super().__init__(positions=[], time_from_start=SimpleNamespace(secs=0, nsecs=0))
 
 
 class PathOf2(messages.Path):
-    """A message that declares its fields as ROS 2 does."""
+    """A message that declares its fields like ROS 2."""
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
@@ -68,7 +65,7 @@ class PathOf2(messages.Path):
 
 
 class TrajectoryOf1:
-    """A message that declares its fields as ROS 1 does."""
+    """A message that declares its fields like ROS 1."""
 
     __slots__ = ("header", "joint_names", "points")
     _slot_types = ("std_msgs/Header", "string[]", "fake_msgs/Point[]")
@@ -86,7 +83,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("ros")
-def test_elements_are_of_the_class_that_a_message_declares(arm_plan: planners.Plan) -> None:
+def test_elements_have_the_class_declared_by_the_message(arm_plan: planners.Plan) -> None:
     plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=20.0)
     msg = PathOf2()
     msg.header.stamp = messages.Time(7, 8)
@@ -115,13 +112,13 @@ def test_joint_trajectory_takes_the_time_of_the_slowest_joint(arm_plan: planners
         assert (steps <= np.multiply(taken[:, None] + 2e-9, speeds)).all() and seconds(msg)[0] == 0.0
 
 
-def test_joint_trajectory_shares_a_duration_by_length(arm_plan: planners.Plan) -> None:
+def test_joint_trajectory_distributes_its_duration_by_length(arm_plan: planners.Plan) -> None:
     msg = copy.deepcopy(arm_plan).to_joint_trajectory(duration=6.0)
     lengths = np.linalg.norm(np.diff(arm_plan.path, axis=0), axis=1)
     np.testing.assert_allclose(seconds(msg)[1:], 6.0 * np.cumsum(lengths) / lengths.sum(), atol=2e-9)
 
 
-def test_joints_called_x_and_y_are_no_pose(tmp_path: Path) -> None:
+def test_joints_named_x_and_y_give_no_pose(tmp_path: Path) -> None:
     pytest.importorskip("yourdfpy")
     slides = {"kind": "prismatic", "limits": (-1, 1)}
     box = ((0.1, 0.1, 0.1), (0, 0, 0))
@@ -145,7 +142,9 @@ def test_joints_called_x_and_y_are_no_pose(tmp_path: Path) -> None:
     ({"velocities": {"elbow": 1}}, "velocities lacks shoulder"),
     ({"duration": 1.0, "msg": SimpleNamespace(header=None)}, r"msg has no header\.frame_id; .*JointTrajectory"),
 )
-def test_joint_trajectories_refuse(arm_plan: planners.Plan, options: dict[str, Any], expected: str) -> None:
+def test_joint_trajectories_reject_invalid_arguments(
+    arm_plan: planners.Plan, options: dict[str, Any], expected: str
+) -> None:
     with pytest.raises(InputError, match=expected):
         arm_plan.to_joint_trajectory(**options)
 
@@ -158,7 +157,5 @@ def test_plans_of_the_other_kind_and_without_a_path_are_refused(arm_plan: planne
         plan.to_joint_trajectory(duration=1.0)
     with pytest.raises(InputError, match=r"msg has no poses; it must have the fields of nav_msgs/Path"):
         plan.to_path(SimpleNamespace(header=SimpleNamespace(frame_id="")))
-    blocked = planners.plan(room("plane"), (1.0, 1.0), (1.1, 1.0), time_limit=0.1)
-    nothing = replace(blocked, solved=False, status="no path exists: proven")
     with pytest.raises(InputError, match="plan has no path: no path exists: proven"):
-        nothing.to_path()
+        replace(plan, solved=False, status="no path exists: proven").to_path()

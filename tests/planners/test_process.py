@@ -1,4 +1,4 @@
-"""In a process of its own: what is imported, what a seed gives, and what hundreds of plans leave behind: nothing."""
+"""Plans in a new process: imports, seeds and memory."""
 
 import json
 import subprocess
@@ -12,11 +12,11 @@ import planners
 from cspace import Robot, Workspace, build
 from handmade import fill_boxes
 
-SCRIPT = """
+PLANS_SCRIPT = """
 import gc, json, sys
 import cspace, planners
 
-needless = sorted({"scipy.optimize", "scipy.sparse", "scipy.spatial"} & set(sys.modules))
+unneeded = sorted({"scipy.optimize", "scipy.sparse", "scipy.spatial"} & set(sys.modules))
 
 import numpy as np
 import psutil
@@ -47,7 +47,7 @@ def growth(name):
 
     def resident(plans):
         for k in range(plans):
-            # The same runs again, so that the largest of them has been before what is counted.
+            # The runs repeat, so that the largest run precedes the count.
             planners.plan(space, (0.5, 0.5, *rest), (5.5, 0.5, *rest), seed=k % 30, **ways[k % len(ways)])
         gc.collect()
         return psutil.Process().memory_info().rss
@@ -58,21 +58,21 @@ def growth(name):
 
 if __name__ == "__main__":
     growths = {name: growth(name) for name in ("plane", "turning", "space")}
-    print(json.dumps({"needless": needless, "path": path(), "growths": growths}))
+    print(json.dumps({"unneeded": unneeded, "path": path(), "growths": growths}))
 """
 
 
 @pytest.fixture(scope="module")
 def printed() -> dict[str, Any]:
-    run = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=False, timeout=300)
+    run = subprocess.run([sys.executable, "-c", PLANS_SCRIPT], capture_output=True, text=True, check=False, timeout=300)
     assert run.returncode == 0, run.stderr
-    assert run.stderr == ""  # neither OMPL nor its bindings have anything to complain about
+    assert run.stderr == ""  # neither OMPL nor its bindings warn
     document: dict[str, Any] = json.loads(run.stdout)
     return document
 
 
-def test_planners_are_imported_without_parts_of_scipy_that_few_need(printed: dict[str, Any]) -> None:
-    assert printed["needless"] == []
+def test_planners_are_imported_without_rarely_used_parts_of_scipy(printed: dict[str, Any]) -> None:
+    assert printed["unneeded"] == []
 
 
 def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> None:
@@ -81,6 +81,6 @@ def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> Non
     assert printed["path"] == paths[0] != paths[1]
 
 
-def test_plans_leave_nothing_behind(printed: dict[str, Any]) -> None:
-    # One kept set-up is some 30 kB, so a leak of each would show as 2.6 MiB.
+def test_plans_leak_no_memory(printed: dict[str, Any]) -> None:
+    # A setup takes 30 kB, so leaking every setup would take 2.6 MiB.
     assert len(printed["growths"]) == 3 and max(printed["growths"].values()) < 1.5

@@ -1,4 +1,4 @@
-"""What a plan says of its path, and what it writes."""
+"""Results of plans: distances, proofs, text, pictures and files."""
 
 import copy
 import csv
@@ -22,30 +22,37 @@ from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import thumbnail
 from cspace.plot.route import collect_marks
-from planners.local_planner import CURVES, HOLONOMIC, local_planner
-from planning import CAR, ENDPOINTS, SPACES, halves, least_distance, open_map, room, usable
+from planners.local_planner import HOLONOMIC, local_planner
+from planning import (
+    ENDPOINTS,
+    SPACES,
+    SPACES_WITH_CURVES,
+    halves,
+    least_distance,
+    open_map,
+    options_for,
+    room,
+    wrap_rotations,
+)
 from tests.soak.plane import moved
 
-CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
 
-
-@pytest.fixture(scope="module", params=CASES, ids=lambda case: case[1] or case[0])
+@pytest.fixture(scope="module", params=SPACES_WITH_CURVES, ids=lambda case: case[1] or case[0])
 def plan(request: pytest.FixtureRequest) -> planners.Plan:
     name, curve = request.param
-    options = {"drive": curve, **CAR} if curve else {}
-    return planners.plan(room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options)
+    return planners.plan(room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
 
 
 # ---- clearance along a path ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "curve"), CASES)
-def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, curve: str | None) -> None:
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(name: str, curve: str | None) -> None:
     space, dim = room(name), room(name).grid.dim
     edges = local_planner(space, False, curve or HOLONOMIC, 0.4 if curve else None)
     rng, positive = np.random.default_rng(0), 0
     for a in space.sample_free(40, rng):
-        path = usable(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))
+        path = wrap_rotations(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))
         bound = edges.clearance(path)
         points = edges.split_path(path, 0.01, 0.01).centers
         if not space.grid.contains(points[:, :dim]).all():
@@ -57,10 +64,10 @@ def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, cu
         else:
             assert bound <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
         positive += bound > 0.0
-    assert positive > 4 or curve == "dubins"  # whose short curves are loops
+    assert positive > 4 or curve == "dubins"  # its short curves are loops
 
 
-def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
+def test_the_clearance_of_a_path_is_the_minimum_over_its_pieces() -> None:
     space, start, _ = halves("space", BLOCKED)
     path = np.array([start, (8.0, 4.7, 4.5)])
     length = float(np.linalg.norm(path[1] - path[0]))
@@ -70,10 +77,10 @@ def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
     assert local_planner(space).clearance(path) == pytest.approx(expected, abs=1e-12) and expected > 0.0
 
 
-def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path) -> None:
+def test_clearance_is_infinite_if_every_configuration_is_free(tmp_path: Path) -> None:
     for name in SPACES:
         space = open_map(name)
-        endpoints = usable(
+        endpoints = wrap_rotations(
             space, np.array([[1.5] * space.size, [6.5] * space.grid.dim + [1.0] * len(space.rotations.names)])
         )
         plan = planners.plan(space, *endpoints)
@@ -84,17 +91,17 @@ def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path)
 
 # ---- distance from obstacles -----------------------------------------------------------------------------------------
 
-SIZES = {"space": (0.3, 0.3, 0.1), "yawing": (0.4, 0.2, 0.1), "floating": (0.3, 0.1, 0.2)}
-"""The robots of rooms in space."""
+BOX_SIDES = {"space": (0.3, 0.3, 0.1), "yawing": (0.4, 0.2, 0.1), "floating": (0.3, 0.1, 0.2)}
+"""Sides of the robots in space, in metres."""
 
 
 def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, radius: float, q: np.ndarray) -> float:
-    """Distance from obstacles, by shapely; the robot is grown by a radius."""
+    """Return the distance of a robot from obstacles, less a radius."""
     return float(shapely.transform(robot, lambda points: moved(points, q[None])[0]).distance(obstacles)) - radius
 
 
 def oracle(name: str) -> Callable[[np.ndarray], float]:
-    """How far the robot of a room is from its obstacles and its border, by other libraries."""
+    """Return the oracle for the obstacle distance in a room."""
     space, h = room(name), room(name).grid.spacing
     cells = space.grid.lower + h * np.argwhere(space.workspace.outer)
     if space.grid.dim == 2:
@@ -111,26 +118,26 @@ def oracle(name: str) -> Callable[[np.ndarray], float]:
 
     def apart_in_space(q: np.ndarray) -> float:
         turn, data = solids.turn_of(q).as_matrix(), fcl.DistanceData()
-        boxes.distance(solids.box(SIZES[name], q[:3], turn), data, fcl.defaultDistanceCallback)
-        walls = solids.within(space.grid.lower, space.grid.upper, SIZES[name], q[:3], turn)
+        boxes.distance(solids.box(BOX_SIDES[name], q[:3], turn), data, fcl.defaultDistanceCallback)
+        walls = solids.within(space.grid.lower, space.grid.upper, BOX_SIDES[name], q[:3], turn)
         return min(float(data.result.min_distance), walls)
 
     return apart_in_space
 
 
-@pytest.mark.parametrize(("name", "curve"), CASES)
-def test_the_distance_from_obstacles_is_the_least_along_the_path(name: str, curve: str | None) -> None:
+@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+def test_the_obstacle_distance_is_the_minimum_along_the_path(name: str, curve: str | None) -> None:
     space = room(name)
-    plan = planners.plan(space, *ENDPOINTS[name], seed=4, time_limit=20.0, **({"drive": curve, **CAR} if curve else {}))
+    plan = planners.plan(space, *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
     edges = local_planner(space, False, plan.drive, plan.turning_radius)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
     least = min(map(oracle(name), dense.centers))
-    between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())  # by how much it may be less between them
+    between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())  # bound of the change between samples
     assert least - between - 0.25 * space.grid.spacing - 1e-6 <= plan.obstacle_distance <= least + 1e-6
     assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 
 
-def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -> None:
+def test_the_obstacle_distance_follows_shapes_that_change() -> None:
     pillar = shapely.Point(4.03, 2.51).buffer(0.5)
     workspace = Workspace.from_polygons([pillar], 0.1, bounds=(0, 0, 8, 8))
     space = build(workspace, Robot.polygon(shapely.box(-0.5, -0.2, 0.5, 0.2)), outside="free", margin=0.05)
@@ -145,7 +152,7 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     assert space.obstacle_distance(place) == pytest.approx(apart, abs=1e-9)
     assert space.obstacle_distance([place, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(apart - 0.05, abs=1e-9)
     assert space.obstacle_distance(place, turns=0.2) == pytest.approx(apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9)
-    assert space.obstacle_distance((4.0, 2.5)) == 0.0  # in the pillar, where no borders meet
+    assert space.obstacle_distance((4.0, 2.5)) == 0.0  # inside the pillar, so boundaries do not intersect
     for wrong in ({"lengths": -0.1}, {"turns": [0.1, 0.2]}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} is .*it must be zero or above"):
             space.obstacle_distance(place, **wrong)
@@ -158,7 +165,7 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     assert planners.plan(open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
 
 
-def test_room_is_that_of_the_map_as_it_is_and_clearance_goes_along_with_a_pickle() -> None:
+def test_distances_follow_the_map_and_pickles_keep_the_clearance() -> None:
     space = build(Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.1), Robot.disc(0.2), outside="free")
     plan = planners.plan(space, (1.0, 4.0), (7.0, 4.0))
     before = pickle.loads(pickle.dumps(plan))
@@ -172,7 +179,7 @@ def test_room_is_that_of_the_map_as_it_is_and_clearance_goes_along_with_a_pickle
     assert plan.clearance == plan.obstacle_distance == 0.0 and before.clearance == math.inf
 
 
-def test_where_no_geometry_can_be_asked_the_room_is_that_of_the_map(tmp_path: Path) -> None:
+def test_tiled_maps_show_the_clearance_instead_of_the_obstacle_distance(tmp_path: Path) -> None:
     occupied = np.zeros((60, 60), dtype=bool)
     occupied[:20, 30] = True
     tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30)
@@ -181,33 +188,33 @@ def test_where_no_geometry_can_be_asked_the_room_is_that_of_the_map(tmp_path: Pa
     assert plan.clearance == 0.0 and " m, clearance not proven to be more than 0\n" in repr(plan)
 
 
-# ---- proofs, then and now --------------------------------------------------------------------------------------------
+# ---- proofs ----------------------------------------------------------------------------------------------------------
 
 
-def middle_of(plan: planners.Plan, edge: int) -> np.ndarray:
-    """The place in the middle of an edge of a path."""
+def edge_center(plan: planners.Plan, edge: int) -> np.ndarray:
+    """Return the position halfway along an edge."""
     first, last = (int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints[edge : edge + 2])
     return plan.path[(first + last) // 2, : plan.space.grid.dim]
 
 
-def test_recheck_proves_each_edge_among_the_obstacles_of_now(plan: planners.Plan) -> None:
-    """Edges that are proven free are free at every row; one with an obstacle on it is not."""
+def test_recheck_proves_each_edge_among_the_current_obstacles(plan: planners.Plan) -> None:
+    # Edges proven free are free at every row; the edge with an obstacle is not.
     assert plan.recheck().all() and plan.recheck().shape == (len(plan.waypoints) - 1,)
     space = copy.deepcopy(plan.space)
     longest = int(np.linalg.norm(np.diff(plan.waypoints[:, : space.grid.dim], axis=0), axis=1).argmax())
-    space.add_obstacle("post", [middle_of(plan, longest)], radius=0.05)
+    space.add_obstacle("post", [edge_center(plan, longest)], radius=0.05)
     free = plan.recheck(space)
     assert free.dtype == np.bool_ and not free[longest]
     rows = [int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints]
     for is_free, first, last in zip(free, rows, rows[1:], strict=False):
         if is_free and last > first:
             assert np.asarray(space.is_free(plan.path[first : last + 1])).all()
-    assert plan.certified and plan.recheck().all()  # on its own map, which has no post
+    assert plan.certified and plan.recheck().all()  # the plan's map has no post
     space.remove_obstacle("post")
     assert plan.recheck(space).all()
 
 
-def test_plan_says_that_it_was_proven_when_planned() -> None:
+def test_repr_tells_if_the_proof_still_holds() -> None:
     space = build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
     assert ", certified; 2.000 m, obstacle distance 0.700 m" in repr(plan)
@@ -227,7 +234,7 @@ def test_plan_says_that_it_was_proven_when_planned() -> None:
     assert there.recheck().tolist() == [True]
 
 
-def test_old_plan_is_drawn_with_the_edges_that_are_no_longer_free() -> None:
+def test_plot_marks_edges_that_are_no_longer_proven_free() -> None:
     wall = shapely.box(1.9, 0.0, 2.1, 1.6)
     space = build(Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0)), Robot.disc(0.2))
     plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Grid")
@@ -244,13 +251,13 @@ def test_old_plan_is_drawn_with_the_edges_that_are_no_longer_free() -> None:
         assert line.get_linestyle() == "--"
         assert name in [text.get_text() for text in ax.figure.legends[0].get_texts()]
     assert len(thumbnail(plan)) > 0
-    assert not any(line.get_label() == name for line in space.plot(path=plan.path).lines)  # rows alone are no plan
+    assert not any(line.get_label() == name for line in space.plot(path=plan.path).lines)  # rows carry no proofs
 
 
-# ---- what it says ----------------------------------------------------------------------------------------------------
+# ---- text and pictures -----------------------------------------------------------------------------------------------
 
 
-def test_a_plan_says_in_three_lines_what_it_is(plan: planners.Plan) -> None:
+def test_repr_describes_a_plan_in_three_lines(plan: planners.Plan) -> None:
     lines = repr(plan).splitlines()
     assert len(lines) == 3 and all(len(line) < 160 for line in lines)
     assert f"{plan.planner}: path found, certified; {plan.length:.3f} m" in lines[0]
@@ -260,7 +267,7 @@ def test_a_plan_says_in_three_lines_what_it_is(plan: planners.Plan) -> None:
     assert page.startswith('<img src="data:image/png;base64,') and "path found" in page
 
 
-def test_a_plan_that_failed_says_what_to_try() -> None:
+def test_repr_of_a_failed_plan_gives_a_hint() -> None:
     space, start, goal = halves("plane", BLOCKED)
     between = "from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}) (x, y)"
     lines = repr(planners.plan(space, start, goal)).splitlines()
@@ -275,8 +282,7 @@ def test_a_plan_that_failed_says_what_to_try() -> None:
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_a_plan_that_failed_keeps_start_and_goal(name: str, tmp_path: Path) -> None:
-    """In its picture, too, and in what it writes."""
+def test_a_failed_plan_shows_and_writes_start_and_goal(name: str, tmp_path: Path) -> None:
     space, start, goal = halves(name, BLOCKED)
     plan = planners.plan(space, start, goal)
     assert not plan.solved and not plan.start.flags.writeable
@@ -299,10 +305,10 @@ def test_a_plan_that_failed_keeps_start_and_goal(name: str, tmp_path: Path) -> N
     np.testing.assert_array_equal([again.start, again.goal], [plan.start, plan.goal])
 
 
-# ---- what it writes --------------------------------------------------------------------------------------------------
+# ---- files -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_path_is_read_back_from_csv_to_the_last_bit(plan: planners.Plan, tmp_path: Path) -> None:
+def test_a_path_is_read_back_exactly_from_csv(plan: planners.Plan, tmp_path: Path) -> None:
     plan.to_csv(tmp_path / "path.csv")
     with (tmp_path / "path.csv").open(newline="") as file:
         names, *rows = csv.reader(file)
@@ -332,7 +338,7 @@ def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("write", ["to_csv", "to_json"])
-def test_an_existing_file_is_kept_unless_told_otherwise(plan: planners.Plan, tmp_path: Path, write: str) -> None:
+def test_an_existing_file_is_kept_unless_overwritten(plan: planners.Plan, tmp_path: Path, write: str) -> None:
     file = tmp_path / "plan"
     file.write_text("mine")
     with pytest.raises(FileError, match="overwrite=True"):
@@ -345,8 +351,8 @@ def test_an_existing_file_is_kept_unless_told_otherwise(plan: planners.Plan, tmp
     assert [each.name for each in tmp_path.iterdir()] == ["plan"]
 
 
-def test_a_plan_draws_itself_on_its_map(plan: planners.Plan) -> None:
-    """With its ends; a copy from a pickle has left the map behind, and says so."""
+def test_a_plan_draws_its_path_unless_it_has_lost_its_map(plan: planners.Plan) -> None:
+    # Pickles keep no map.
     lines = {line.get_label(): line for line in plan.plot().lines}
     assert {"path", "start", "goal"} <= set(lines)
     np.testing.assert_array_equal(np.transpose(lines["start"].get_data())[0], plan.path[0, :2])
@@ -357,7 +363,7 @@ def test_a_plan_draws_itself_on_its_map(plan: planners.Plan) -> None:
         again.plot()
 
 
-def test_a_plan_cannot_be_changed(plan: planners.Plan) -> None:
+def test_a_plan_is_immutable(plan: planners.Plan) -> None:
     with pytest.raises(FrozenInstanceError):
         plan.solved = False  # type: ignore[misc]
     with pytest.raises(ValueError, match="read-only"):

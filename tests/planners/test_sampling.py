@@ -1,4 +1,4 @@
-"""Samples are free, spread evenly, near where they shall be, and repeatable."""
+"""Samplers: free, evenly spread, near and repeatable samples."""
 
 import math
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, Arm, ConfigurationError, CSpace, InputError, Robot, build_arm_space
 from planners.states import kind_of
-from planning import ENDPOINTS, SPACES, edges, open_map, room, state_at, with_state
+from planning import ENDPOINTS, SPACES, along_edges, open_map, room, state_at, with_state
 from urdfs import planar
 
-NEAR = {
+SAMPLING_CENTERS = {
     "plane": [ENDPOINTS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],
     "turning": [ENDPOINTS["turning"][0], (3.0, 2.0, 3.1), (0.4, 0.4, -3.1)],
     "yawing": [ENDPOINTS["yawing"][0], (1.4, 1.2, 0.5, -3.1)],
@@ -57,7 +57,7 @@ def _with(points: np.ndarray, turn: Sequence[float]) -> np.ndarray:
     return np.concatenate([points, np.broadcast_to(turn, (*points.shape[:-1], len(turn)))], axis=-1)
 
 
-@pytest.mark.parametrize(("name", "near"), [(name, near) for name in SPACES for near in NEAR[name]])
+@pytest.mark.parametrize(("name", "near"), [(name, near) for name in SPACES for near in SAMPLING_CENTERS[name]])
 @pytest.mark.parametrize("distance", [0.05, 0.4, 20.0])
 def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: float) -> None:
     space, dim = room(name), room(name).grid.dim
@@ -76,7 +76,7 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
     assert len(drawn) > 0 or space.size > dim or not space.is_free(np.array(near) + around).any()
     points = np.array(drawn).reshape(-1, space.size)
-    turned = edges(space, np.tile(near, (len(points), 1)), points, np.zeros(1))[1]
+    turned = along_edges(space, np.tile(near, (len(points), 1)), points, np.zeros(1))[1]
     assert (turned <= distance + 1e-7).all()
     if near == ENDPOINTS[name][0]:
         assert len(drawn) > 100 and (np.ptp(drawn, axis=0)[:dim] > 0.8 * min(distance, 0.7)).all()
@@ -85,7 +85,7 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
     assert not sampler.sampleNear(state, far, 1.0)
 
 
-def test_samples_near_a_state_stay_in_the_map_where_all_beyond_is_free() -> None:
+def test_samples_near_a_state_stay_in_a_map_with_free_exterior() -> None:
     for name in SPACES:
         space = open_map(name)
         si = planners.simple_setup(space).getSpaceInformation()
@@ -95,7 +95,7 @@ def test_samples_near_a_state_stay_in_the_map_where_all_beyond_is_free() -> None
             assert sampler.sampleNear(state, corner, 2.0) and si.satisfiesBounds(state)
 
 
-def test_a_generator_and_ompls_seed_make_samples_repeatable(space: CSpace) -> None:
+def test_samples_repeat_with_a_generator_or_ompls_seed(space: CSpace) -> None:
     def draws(**options: Any) -> list[tuple[float, ...]]:
         si = planners.simple_setup(space, **options).getSpaceInformation()
         sampler, state, read, out = si.allocValidStateSampler(), si.allocState(), kind_of(space).read, []

@@ -1,4 +1,4 @@
-"""Names of planners, what a set-up refuses, and what it leaves behind."""
+"""Setups: planner names, choices, refused options and memory."""
 
 import gc
 from typing import Any
@@ -23,7 +23,7 @@ def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:
             planners.simple_setup(room("plane"), valid_state_sampler=make)
 
 
-def test_another_sampler_may_be_given() -> None:
+def test_another_sampler_is_used() -> None:
     si = planners.simple_setup(room("plane"), valid_state_sampler=ob.UniformValidStateSampler).getSpaceInformation()
     sampler, state = si.allocValidStateSampler(), si.allocState()
     assert isinstance(sampler, ob.UniformValidStateSampler)
@@ -40,18 +40,18 @@ def test_another_sampler_may_be_given() -> None:
     ),
     ({"rng": np.random.default_rng(0), "exact": True}, "rng is given and exact is True"),
 )
-def test_what_does_not_go_together_is_refused(wrong: dict[str, Any], message: str) -> None:
+def test_incompatible_options_are_refused(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         planners.simple_setup(room("plane"), **wrong)
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_a_set_up_prints_itself(name: str) -> None:
-    """OMPL itself crashes where a space is composed of others."""
+def test_a_setup_prints_itself(name: str) -> None:
+    # OMPL alone crashes if a space is compound.
     assert "Settings for the state space" in str(planners.simple_setup(room(name)))
 
 
-def test_nothing_of_ours_outlives_its_setup() -> None:
+def test_no_object_of_ours_outlives_its_setup() -> None:
     ours: set[type] = set()
     kinds: list[type] = [planners.MotionValidator, planners.StateValidityChecker, planners.FreeStateSampler]
     kinds.append(planners.WeightedLength)
@@ -72,7 +72,7 @@ def test_nothing_of_ours_outlives_its_setup() -> None:
             made.append((setup, setup.getSpaceInformation().allocValidStateSampler()))
         return made
 
-    gc.freeze()  # what other tests have left is not looked through
+    gc.freeze()  # skips objects of other tests
     alive = setups()
     assert count() >= 4 * len(SPACES)
     setups()
@@ -80,7 +80,7 @@ def test_nothing_of_ours_outlives_its_setup() -> None:
     assert count() == 0
 
 
-def test_every_geometric_planner_that_can_be_made_is_listed() -> None:
+def test_every_constructible_geometric_planner_is_listed() -> None:
     setup, made = planners.simple_setup(room("plane")), set()
     for name in dir(og):
         try:
@@ -90,13 +90,13 @@ def test_every_geometric_planner_that_can_be_made_is_listed() -> None:
         if isinstance(thing, ob.Planner):
             made.add(name)
             thing.setProblemDefinition(setup.getProblemDefinition())
-            thing.setup()  # an AORRTC that was never set up crashes the process when it is freed
+            thing.setup()  # freeing an AORRTC without a setup crashes the process
     assert set(planners.planner_names()) == made - {"AORRTC"}
     assert len(made) >= 14 and {"RRTConnect", "PRMstar", "BITstar", "KPIECE1"} <= made
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_what_can_be_chosen_on_a_map(name: str) -> None:
+def test_choices_lists_planners_and_drives_of_a_map(name: str) -> None:
     space = room(name)
     choices = planners.choices(space)
     assert choices.planners == (*planners.planner_names(), "Grid", "MaxClearance")
@@ -109,7 +109,7 @@ def test_what_can_be_chosen_on_a_map(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [*planners.planner_names(), "Grid"])
-def test_names_may_be_written_in_any_case(name: str) -> None:
+def test_planner_names_ignore_case(name: str) -> None:
     assert planner_named(name) == planner_named(name.lower()) == planner_named(name.upper()) == name
     if name != "Grid":
         setup = planners.simple_setup(room("plane"))
@@ -120,8 +120,8 @@ def test_names_may_be_written_in_any_case(name: str) -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_fmt_begins_with_few_samples_along_curves(drive: str) -> None:
-    """A step of it measures from many of them to all, and looks at no clock meanwhile."""
+def test_fmt_starts_with_fewer_samples_along_curves(drive: str) -> None:
+    # A step of FMT computes distances between most samples without a check of the time.
     car = CAR if drive in CURVES else {}
     si = planners.simple_setup(room("turning"), drive=drive, **car).getSpaceInformation()
     for name in ("FMT", "BFMT"):
@@ -135,7 +135,7 @@ def test_fmt_begins_with_few_samples_along_curves(drive: str) -> None:
         *[(wrong, None) for wrong in ("", "Planner", "SimpleSetup", 3)],
     ],
 )
-def test_a_wrong_name_lists_the_right_ones_and_the_likely_one(wrong: Any, meant: str | None) -> None:
+def test_an_unknown_planner_lists_the_names_and_suggests_one(wrong: Any, meant: str | None) -> None:
     with pytest.raises(InputError) as caught:
         planner_named(wrong)
     assert (meant is None or f"did you mean {meant}?" in str(caught.value)) and repr(wrong) in str(caught.value)
@@ -145,7 +145,7 @@ def test_a_wrong_name_lists_the_right_ones_and_the_likely_one(wrong: Any, meant:
 
 @refusals(
     "drive, name, message",
-    # OMPL's AORRTC reads beyond a list where paths are long, which is not to be known before.
+    # OMPL's AORRTC reads beyond a list if paths are long, which is unpredictable.
     *[(drive, "AORRTC", r"planner is 'AORRTC'.*ends the process") for drive in DRIVES],
     *[
         (drive, name, rf"planner is '{name}' and drive is '{drive}'.*RRT")
@@ -153,12 +153,12 @@ def test_a_wrong_name_lists_the_right_ones_and_the_likely_one(wrong: Any, meant:
         for name in names
     ],
 )
-def test_planners_that_cannot_plan_with_a_drive_are_refused(drive: str, name: str, message: str) -> None:
+def test_planners_unfit_for_a_drive_are_refused(drive: str, name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         planner_named(name.lower(), drive)
 
 
-def test_without_ompl_only_planners_is_missing() -> None:
+def test_only_planners_requires_ompl() -> None:
     output = output_without(
         "ompl",
         """

@@ -1,4 +1,4 @@
-"""Configurations become states of OMPL and back, in every space."""
+"""Conversions between configurations and OMPL states, in every space."""
 
 import numpy as np
 import pytest
@@ -8,18 +8,18 @@ import planners
 from planners.states import kind_of
 from planning import SPACES, room
 
-KINDS = pytest.mark.parametrize("name", SPACES)
+IN_EVERY_SPACE = pytest.mark.parametrize("name", SPACES)
 
 
-@KINDS
-def test_a_state_holds_a_configuration_to_the_last_bit(name: str) -> None:
+@IN_EVERY_SPACE
+def test_a_state_stores_a_configuration_exactly(name: str) -> None:
     dim, size, kind = room(name).grid.dim, room(name).size, kind_of(room(name))
     states = kind.make()
     kind.set_bounds(states, [-5.0] * dim, [7.0] * dim)
     first, second = states.allocState(), states.allocState()
     rng = np.random.default_rng(0)
     for _ in range(20):
-        q = tuple(_turned(rng.uniform(-3.0, 3.0, (2, size)), dim).reshape(-1).tolist())
+        q = tuple(_normalize(rng.uniform(-3.0, 3.0, (2, size)), dim).reshape(-1).tolist())
         kind.write(first, *q[:size])
         kind.write(second, *q[size:])
         assert kind.read(first) == q[:size] and kind.read(second) == q[size:]
@@ -30,14 +30,14 @@ def test_a_state_holds_a_configuration_to_the_last_bit(name: str) -> None:
     assert not states.satisfiesBounds(first)
 
 
-def _turned(q: np.ndarray, dim: int) -> np.ndarray:
-    """Configurations whose quaternions, if any, have a norm of 1."""
+def _normalize(q: np.ndarray, dim: int) -> np.ndarray:
+    """Normalise the quaternions of configurations in SE(3)."""
     if q.shape[-1] - dim == 4:
         q[:, dim:] /= np.linalg.norm(q[:, dim:], axis=1, keepdims=True)
     return q
 
 
-@KINDS
+@IN_EVERY_SPACE
 def test_a_radian_counts_as_half_a_metre(name: str) -> None:
     dim, size, kind = room(name).grid.dim, room(name).size, kind_of(room(name))
     states = kind.make()
@@ -51,7 +51,7 @@ def test_a_radian_counts_as_half_a_metre(name: str) -> None:
     assert states.distance(first, second) == pytest.approx(3.0 + 0.5 * (0.4 if turned else 0.0))
 
 
-def test_each_map_has_states_of_its_own_kind() -> None:
+def test_each_space_has_its_own_type_of_states() -> None:
     types = {
         "plane": ob.RealVectorStateSpace,
         "turning": ob.SE2StateSpace,
@@ -61,5 +61,5 @@ def test_each_map_has_states_of_its_own_kind() -> None:
     }
     for name in SPACES:
         assert isinstance(planners.state_space(room(name)), types[name])
-    assert room("turning").size == room("space").size  # the length of a configuration does not tell the space
+    assert room("turning").size == room("space").size  # the size alone does not determine the space
     assert kind_of(room("turning")) is not kind_of(room("space"))

@@ -1,4 +1,4 @@
-"""Plans on maps in a store: from tile to tile, certified, and refused as on a map in memory."""
+"""Plans on tiled maps."""
 
 import numpy as np
 import pytest
@@ -8,11 +8,11 @@ import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
 
-CAR = cspace.Robot.rectangle(0.5, 0.2)
+SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
 
 
 def maze(side=90):
-    """Walls with gaps at alternate ends, so that the way winds through many tiles."""
+    """Build walls with gaps at alternate ends."""
     walls = np.zeros((side, side), dtype=bool)
     for k, x in enumerate(range(15, side - 5, 15)):
         walls[x : x + 2] = True
@@ -20,8 +20,8 @@ def maze(side=90):
     return cspace.Workspace.from_array(walls, 0.1)
 
 
-@pytest.mark.parametrize(("robot", "rotations"), [(cspace.Robot.disc(0.25), None), (CAR, 12)])
-def test_a_path_through_many_tiles(robot, rotations, tmp_path):
+@pytest.mark.parametrize(("robot", "rotations"), [(cspace.Robot.disc(0.25), None), (SMALL_CAR, 12)])
+def test_a_path_through_many_tiles_is_certified_and_repeatable(robot, rotations, tmp_path):
     tiled = cspace.build(maze(), robot, rotations=rotations, store=tmp_path / "m", tile=20)
     space = cspace.build(maze(), robot, rotations=rotations)
     turn = [0.1] * (space.size - 2)
@@ -34,18 +34,18 @@ def test_a_path_through_many_tiles(robot, rotations, tmp_path):
     np.testing.assert_allclose(plan.waypoints[[0, -1]], [start, goal])
     assert space.certify_path(plan.waypoints).all()
     assert plan.length > 30.0
-    assert any(line.get_label() == "path" for line in plan.plot().lines)  # over an overview
+    assert any(line.get_label() == "path" for line in plan.plot().lines)  # drawn over an overview
     again = planners.plan(tiled, start, goal, seed=1)
     np.testing.assert_array_equal(plan.waypoints, again.waypoints)
 
 
-def test_within_one_tile_and_on_the_spot(tmp_path):
+def test_a_path_within_one_tile_or_of_length_zero_is_certified(tmp_path):
     tiled = cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path / "m", tile=1000)
     assert planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], seed=0).certified
     assert planners.plan(tiled, [0.7, 0.7], [0.7, 0.7]).certified
 
 
-def test_what_is_proven_not_to_exist(tmp_path):
+def test_disconnection_is_proven(tmp_path):
     walls = maze().outer.copy()
     walls[45:47] = True
     workspace = cspace.Workspace.from_array(walls, 0.1)
@@ -56,7 +56,7 @@ def test_what_is_proven_not_to_exist(tmp_path):
     assert "proven" in plan.status
 
 
-def test_undecided_answers_are_told(tmp_path):
+def test_the_status_tells_if_existence_is_undecided(tmp_path):
     walls = np.zeros((60, 40), dtype=bool)
     walls[30:32, 4:] = True  # a gap as wide as the robot
     workspace = cspace.Workspace.from_array(walls, 0.1)
@@ -66,7 +66,7 @@ def test_undecided_answers_are_told(tmp_path):
     assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
 
 
-def test_plans_on_tiles_refuse(tmp_path):
+def test_plans_on_tiled_maps_reject_invalid_arguments(tmp_path):
     tiled = cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path / "m", tile=20)
     with pytest.raises(ConfigurationError, match=r"goal .*BLOCKED.*the nearest is") as caught:
         planners.plan(tiled, [0.7, 0.7], [1.55, 4.0])
@@ -93,11 +93,11 @@ def test_plans_on_tiles_refuse(tmp_path):
     ],
     ids=["reeds-shepp", "differential", "clearance", "planner"],
 )
-def test_what_a_plan_in_memory_takes(options, tmp_path):
-    """Each tile is planned as a map in memory; what comes out is proven on the whole map in memory."""
+def test_tiled_plans_accept_the_options_of_plans_in_memory(options, tmp_path):
+    # Tiles are planned in memory; the path is also proven on the whole map in memory.
     workspace = maze(60)
-    tiled = cspace.build(workspace, CAR, rotations=16, store=tmp_path / "m", tile=30)
-    space = cspace.build(workspace, CAR, rotations=16)
+    tiled = cspace.build(workspace, SMALL_CAR, rotations=16, store=tmp_path / "m", tile=30)
+    space = cspace.build(workspace, SMALL_CAR, rotations=16)
     start, goal = [0.7, 0.9, 0.1], [5.3, 4.9, 0.1]
     plan = planners.plan(tiled, start, goal, seed=1, **{"time_limit": 3.0, **options})
     assert plan.certified
@@ -116,8 +116,8 @@ def test_what_a_plan_in_memory_takes(options, tmp_path):
     assert "path, no longer proven free" in [line.get_label() for line in plan.plot().lines]
 
 
-def test_a_robot_that_turns_finds_its_way(tmp_path):
-    """A car that fits between walls only lengthwise, and must turn in a bay; also within no time for a planner."""
+def test_a_car_rotates_in_a_bay(tmp_path):
+    # The car fits between walls only lengthwise, also if the planner has no time.
     walls = np.ones((120, 120), dtype=bool)
     walls[10:20, 10:110] = walls[10:110, 100:110] = walls[5:25, 90:115] = False
     workspace = cspace.Workspace.from_array(walls, 0.1)

@@ -1,4 +1,4 @@
-"""What a plan does and says if its planner finds no path: the map's own search, refusals at once, reasons, advice."""
+"""Plans whose planner finds no path: fallback, refusal, status and hint."""
 
 import math
 import re
@@ -13,19 +13,14 @@ from ompl import geometric as og
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
-from handmade import KINDS, components, configurations, make_map, random_states
+from handmade import MAP_KINDS, components, configurations, make_map, random_states
 from maps import proven_paths
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
-from planning import CAR, SPACES, check_none, halves, room
+from planning import SPACES, check_failed, halves, options_for, room
 from strategies import seeds
 
-JOINED = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
-TWO_PI = 2.0 * math.pi
-
-
-def options_for(drive: str) -> dict[str, Any]:
-    return {"drive": drive, **(CAR if drive in CURVES else {})}
+SPACES_WITH_DRIVES = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
 
 
 # ---- a path is known -------------------------------------------------------------------------------------------------
@@ -39,21 +34,21 @@ def offices(data: Path) -> CSpace:
     return build(Workspace.open(data / "maps" / "willow-full-0.05.yaml"), Robot.disc(0.3))
 
 
-def test_the_maps_own_search_takes_over_on_a_real_map(offices: CSpace) -> None:
+def test_grid_search_takes_over_on_a_real_map(offices: CSpace) -> None:
     for seed in range(3):
         plan = planners.plan(offices, *UNLUCKY, seed=seed, time_limit=20.0)
         assert plan.solved and plan.certified and plan.times.planning < 10.0
         assert np.array_equal(plan.path, planners.plan(offices, *UNLUCKY, seed=seed, time_limit=20.0).path)
-    late = planners.plan(offices, *UNLUCKY, time_limit=1e-6)  # it has a tenth of a second at least
+    late = planners.plan(offices, *UNLUCKY, time_limit=1e-6)  # the grid search gets at least 0.1 s
     assert late.certified and late.status == "path found: along FREE cells"
     few = planners.plan(offices, *UNLUCKY, iterations=1)
     assert few.certified and few.status == "path found: along FREE cells"
 
 
-def test_named_planner_keeps_the_search_and_hint_names_grid(offices: CSpace) -> None:
+def test_a_named_planner_is_not_replaced_and_the_hint_names_grid(offices: CSpace) -> None:
     for options, without in (({}, ""), ({"iterations": 1}, " without iterations")):
         plan = planners.plan(offices, *UNLUCKY, planner="RRTConnect", time_limit=0.01, **options)
-        check_none(offices, plan)
+        check_failed(offices, plan)
         assert plan.status.endswith("; a path exists")
         assert plan.hint == f"planner='Grid'{without}, which finds one, or more time (time_limit=0.1)"
     plan = planners.plan(offices, *UNLUCKY, planner="RRTstar", time_limit=0.01, objective="clearance")
@@ -61,7 +56,7 @@ def test_named_planner_keeps_the_search_and_hint_names_grid(offices: CSpace) -> 
     assert planners.plan(offices, *UNLUCKY, planner="Grid").certified
 
 
-def test_the_maps_own_search_takes_over_in_a_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_grid_search_takes_over_on_a_tiled_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     occupied = np.zeros((40, 16), dtype=bool)
     occupied[[12, 26]] = True
     occupied[12, 2:6] = occupied[26, 9:13] = False
@@ -76,7 +71,7 @@ def test_the_maps_own_search_takes_over_in_a_store(tmp_path: Path, monkeypatch: 
 # ---- no chain of FREE cells ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "drive"), JOINED)
+@pytest.mark.parametrize(("name", "drive"), SPACES_WITH_DRIVES)
 @pytest.mark.parametrize("planner", [None, "RRT", "PRM", "BITstar"])
 def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
     name: str, drive: str, planner: str | None, monkeypatch: pytest.MonkeyPatch
@@ -86,14 +81,14 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
     space, start, goal = halves(name, MIXED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(drive))
-    check_none(space, plan)
+    check_failed(space, plan)
     assert not (plan.is_connected or plan.is_disconnected) and plan.times.planning == 0.0
     assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
     finer = "a finer spacing" + " or more rotations" * (name in ("turning", "yawing", "floating"))
     assert plan.hint == (finer if drive in CURVES else f"exact=True, or {finer}")
 
 
-def test_the_advice_fits_the_map_and_the_planner(tmp_path: Path) -> None:
+def test_the_hint_fits_the_map_and_the_planner(tmp_path: Path) -> None:
     space, start, goal = halves("plane", MIXED)
     assert planners.plan(space, start, goal, planner="Grid").hint.startswith("planner='RRTConnect' with exact=True")
     walls = np.zeros((60, 40), dtype=bool)
@@ -105,16 +100,16 @@ def test_the_advice_fits_the_map_and_the_planner(tmp_path: Path) -> None:
     assert plan.hint == f"{where}, a finer spacing, or a workspace with wider bounds"
 
 
-def test_with_exact_the_planner_searches_where_no_chain_of_free_cells_leads() -> None:
+def test_an_exact_plan_crosses_mixed_cells() -> None:
     space, start, goal = halves("plane", MIXED)
     plan = planners.plan(space, start, goal, exact=True, time_limit=2.0, seed=0)
-    # The robot is a point to speak of, and nothing is in its way but cells that are called MIXED.
+    # The robot is nearly a point, and no obstacle lies in the MIXED cells.
     check_path = space.certify_path(plan.path, exact=True)
     assert plan.solved and plan.certified and check_path.all()
 
 
-def drawn_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[Any, Any]:
-    """Start and end of short edges in the grid, many of them on borders of cells."""
+def draw_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[Any, Any]:
+    """Draw short edges, many on borders of cells."""
     dim, grid = space.grid.dim, space.grid
     lower, upper = np.array(grid.lower), np.array(grid.upper)
     places = rng.uniform(lower, upper, (2, count, dim))
@@ -128,14 +123,14 @@ def drawn_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[An
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(KINDS), st.sampled_from(["free", "blocked"]))
+@given(seeds, st.sampled_from(MAP_KINDS), st.sampled_from(["free", "blocked"]))
 def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed: int, kind: str, outside: str) -> None:
-    """So a plan that ends at once loses no path, whatever the drive, also if all around the map is free."""
+    # Therefore a plan that ends early misses no path.
     rng = np.random.default_rng(seed)
     states = random_states(rng, kind, mixture=(FREE, FREE, FREE, FREE, MIXED))
     space = make_map(states, kind, outside)
     joined = components(states == FREE, kind)
-    q0, q1 = drawn_edges(space, rng, 40)
+    q0, q1 = draw_edges(space, rng, 40)
     cells = [
         tuple(np.insert(space.grid.cell_of(q[:, : space.grid.dim]), 0, space.rotations._cells_of(q), axis=1).T)
         for q in (q0, q1)
@@ -151,7 +146,7 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
 
 @settings(max_examples=15)
 @given(seeds, st.sampled_from(["plane", "turning"]))
-def test_a_plan_searches_wherever_free_cells_join_start_and_goal(seed: int, kind: str) -> None:
+def test_a_plan_is_solved_exactly_if_free_cells_connect_its_endpoints(seed: int, kind: str) -> None:
     rng = np.random.default_rng(seed)
     states = random_states(rng, kind, mixture=(FREE, FREE, MIXED))
     space, joined = make_map(states, kind, "free"), components(states == FREE, kind)
@@ -177,17 +172,17 @@ def test_a_plan_ends_at_once_on_a_real_map(offices: CSpace) -> None:
         assert plan.status.startswith("no chain of FREE cells") and plan.times.planning == 0.0
 
 
-# ---- no room to turn -------------------------------------------------------------------------------------------------
+# ---- free yaws -------------------------------------------------------------------------------------------------------
 
-YAWS = re.compile(r"at the (start|goal) only yaws (\S+) to (\S+) rad are proven free")
+FREE_YAWS = re.compile(r"at the (start|goal) only yaws (\S+) to (\S+) rad are proven free")
 
 
 def free_range(space: CSpace, q: Any, step: float = 1e-3) -> tuple[float, float]:
-    """The yaws to which a robot can turn on the spot in FREE cells, by look-ups in small steps."""
+    """Return the range of yaws reached through FREE cells, by small steps."""
     ends = []
     for way in (-1.0, 1.0):
         yaw = q[2]
-        while abs(yaw - q[2]) < TWO_PI and space.is_free([q[0], q[1], yaw + way * step]):
+        while abs(yaw - q[2]) < math.tau and space.is_free([q[0], q[1], yaw + way * step]):
             yaw += way * step
         ends.append(yaw)
     return ends[0], ends[1]
@@ -201,8 +196,8 @@ def test_a_failed_plan_of_a_drive_names_the_yaws_that_are_free_at_start_and_goal
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
     endpoints = (2.5, 3.0, 0.0), (2.0, 2.95, -3.11)
     plan = planners.plan(space, *endpoints, planner="RRT", time_limit=1e-6, **options_for(drive))
-    check_none(space, plan)
-    found = {name: (float(low), float(high)) for name, low, high in YAWS.findall(plan.status)}
+    check_failed(space, plan)
+    found = {name: (float(low), float(high)) for name, low, high in FREE_YAWS.findall(plan.status)}
     for name, q in zip(("start", "goal"), endpoints, strict=True):
         low, high = free_range(space, q)
         assert found[name] == pytest.approx((low, high), abs=3e-3) and found[name][0] <= q[2] <= found[name][1]
@@ -211,7 +206,7 @@ def test_a_failed_plan_of_a_drive_names_the_yaws_that_are_free_at_start_and_goal
 
 @settings(max_examples=25)
 @given(seeds)
-def test_the_yaws_that_a_status_names_are_those_that_look_ups_find_free(seed: int) -> None:
+def test_the_yaws_in_the_status_equal_look_ups(seed: int) -> None:
     rng = np.random.default_rng(seed)
     states = rng.choice(np.array([FREE, FREE, MIXED], dtype=np.uint8), (int(rng.integers(3, 9)), 4, 1))
     states[:, 1:3] = FREE
@@ -223,15 +218,15 @@ def test_the_yaws_that_a_status_names_are_those_that_look_ups_find_free(seed: in
     if plan.solved or "yaws" not in plan.status:
         assert plan.solved or plan.status.startswith("no ") or joined.size
         return
-    found = {name: (float(low), float(high)) for name, low, high in YAWS.findall(plan.status)}
+    found = {name: (float(low), float(high)) for name, low, high in FREE_YAWS.findall(plan.status)}
     for name, q in zip(("start", "goal"), ends, strict=True):
         low, high = free_range(space, q, 2e-3)
-        assert (name in found) == (high - low < TWO_PI)
+        assert (name in found) == (high - low < math.tau)
         if name in found:
             assert found[name] == pytest.approx((low, high), abs=5e-3)
 
 
-def test_a_robot_that_moves_sideways_is_told_nothing_of_yaws() -> None:
+def test_the_status_of_a_holonomic_plan_names_no_yaws() -> None:
     space = room("turning")
     plan = planners.plan(space, (0.8, 0.8, 0.0), (5.0, 3.2, 2.0), planner="RRT", time_limit=1e-6)
     assert not plan.solved and "yaws" not in plan.status

@@ -17,26 +17,11 @@ import solids
 from cspace import Grid, InputError, Mesh, MeshWarning
 from cspace.raster.surfaces import RunComponents
 from cspace.raster.triangles import mark_within, subdivide, sweep_triangles
+from mesh_files import join_meshes, make_box
 from oracles import cross, distance_to_triangles, dot, units
 from strategies import seeds
 
 NEAR = 1e-6
-BOX = trimesh.creation.box((1.0, 1.0, 1.0))
-
-
-def box(low, high, inward=False):
-    """Return vertices and faces of an axis-aligned box."""
-    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
-    vertices = np.where(BOX.vertices > 0, high, low)
-    return vertices, np.array(BOX.faces)[:, ::-1] if inward else np.array(BOX.faces)
-
-
-def joined(*parts):
-    counts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
-    return (
-        np.concatenate([vertices for vertices, _ in parts]),
-        np.concatenate([faces + count for (_, faces), count in zip(parts, counts, strict=False)]),
-    )
 
 
 def soup(triangles):
@@ -122,7 +107,7 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
         grid = Grid((corner,) * 3, h, (5, 5, 5))
         if kind == "boxes":
             lows = rng.choice([rng.integers(-1, 4, (2, 3)).astype(float), rng.uniform(-1, 4, (2, 3))])
-            vertices, faces = joined(*(box(low, low + rng.integers(1, 4, 3)) for low in lows))
+            vertices, faces = join_meshes(*(make_box(low, low + rng.integers(1, 4, 3)) for low in lows))
         else:
             vertices, faces = soup(small_mesh(rng, kind))
         mesh = Mesh.of((corner + h * vertices, faces), "surface")
@@ -159,7 +144,7 @@ def test_touching_cells_obey_their_laws(seed, kind):
 
 
 def test_a_grid_inside_a_mesh_is_full_and_one_outside_is_empty():
-    mesh = Mesh.of(box((0, 0, 0), (10, 10, 10)))
+    mesh = Mesh.of(make_box((0, 0, 0), (10, 10, 10)))
     for outer, inner, expected in (
         (*mesh.cells(Grid((4, 4, 4), 0.5, (3, 4, 5))), True),
         (*mesh.cells(Grid((40, 4, 4), 0.5, (3, 4, 5))), False),
@@ -170,7 +155,9 @@ def test_a_grid_inside_a_mesh_is_full_and_one_outside_is_empty():
 
 
 def test_a_map_that_cuts_through_a_solid_is_part_of_the_larger_map():
-    mesh = Mesh.of(joined(box((0.3, 0.3, 0.3), (8.6, 7.7, 5.4)), box((1.5, 1.5, 1.5), (4.5, 4.5, 4.4), inward=True)))
+    mesh = Mesh.of(
+        join_meshes(make_box((0.3, 0.3, 0.3), (8.6, 7.7, 5.4)), make_box((1.5, 1.5, 1.5), (4.5, 4.5, 4.4), inward=True))
+    )
     whole = mesh.cells(Grid((0, 0, 0), 0.5, (20, 20, 20)))
     for start, stop in (((2, 2, 2), (9, 20, 20)), ((4, 4, 4), (8, 8, 8)), ((11, 0, 3), (12, 20, 4))):
         part = Grid(np.multiply(start, 0.5), 0.5, tuple(np.subtract(stop, start).tolist()))
@@ -217,11 +204,15 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     surface = touched_by_faces(boxes, side)
     grid = Grid((0, 0, 0), 1.0, (side,) * 3)
     for inward in (np.zeros(count, dtype=bool), np.ones(count, dtype=bool)):
-        outer, inner = Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))).cells(grid)
+        outer, inner = Mesh.of(
+            join_meshes(*(make_box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))
+        ).cells(grid)
         assert (outer == meeting | surface).all()
         assert (inner == lying & ~surface).all()
     inward = rng.random(count) < 0.5
-    outer, inner = Mesh.of(joined(*(box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))).cells(grid)
+    outer, inner = Mesh.of(
+        join_meshes(*(make_box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))
+    ).cells(grid)
     # Those that face inward may be cavities: of boxes that lie in them or they in.
     nested = np.zeros_like(outer)
     for a, b in product(range(count), repeat=2):
@@ -233,7 +224,7 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
 
 
 def test_doubled_faces_change_nothing():
-    vertices, faces = box((1.5, 1.5, 1.5), (6.5, 6.5, 6.5))
+    vertices, faces = make_box((1.5, 1.5, 1.5), (6.5, 6.5, 6.5))
     single = Mesh.of((vertices, faces)).cells(Grid((0, 0, 0), 1.0, (16,) * 3))
     for again in (faces, faces[:, ::-1], faces[:1], faces[5:6, ::-1]):
         mesh = Mesh.of((vertices, np.concatenate([faces, again])))
@@ -241,7 +232,7 @@ def test_doubled_faces_change_nothing():
         double = mesh.cells(Grid((0, 0, 0), 1.0, (16,) * 3))
         assert all((a == b).all() for a, b in zip(single, double, strict=True))
     for inward in (False, True):
-        both, numbers = joined((vertices, faces), box((6.5, 1.5, 1.5), (11.5, 6.5, 6.5), inward))
+        both, numbers = join_meshes((vertices, faces), make_box((6.5, 1.5, 1.5), (11.5, 6.5, 6.5), inward))
         with warnings.catch_warnings():
             # Boxes of one size that face opposite ways have no winding number together.
             warnings.simplefilter("ignore" if inward else "error", MeshWarning)
@@ -255,7 +246,7 @@ def test_doubled_faces_change_nothing():
 
 
 def test_an_open_mesh_is_rasterised_by_its_policy():
-    vertices, faces = box((1.5, 1.5, 1.5), (8.5, 8.5, 8.5))
+    vertices, faces = make_box((1.5, 1.5, 1.5), (8.5, 8.5, 8.5))
     grid = Grid((0, 0, 0), 1.0, (10,) * 3)
     open_box = (vertices, faces[1:])
     surface = Mesh.of(open_box, "surface").cells(grid)
@@ -268,7 +259,7 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
     assert len(caught) == 1
     with pytest.warns(MeshWarning, match="encloses no cell of 0.5 m"):
         assert not Mesh.of(open_box, "fill").rasters(0.5)[1].count
-    slit = joined(*(soup(triangle) for triangle in vertices[faces] * 0.998 + 0.01))
+    slit = join_meshes(*(soup(triangle) for triangle in vertices[faces] * 0.998 + 0.01))
     outer, inner = Mesh.of(slit, "fill").cells(grid)
     assert inner[2:8, 2:8, 2:8].all()
     assert outer[1:9, 1:9, 1:9].all()
@@ -319,7 +310,7 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
     low = rng.choice([rng.uniform(-2, 0, 3), rng.integers(-8, 0, 3) / 4.0])
     high = low + rng.choice([rng.uniform(0.1, 3, 3), rng.integers(1, 12, 3) / 4.0])
     spacing = 0.25
-    outer, inner = Mesh.of(box(low, high)).rasters(spacing, margin)
+    outer, inner = Mesh.of(make_box(low, high)).rasters(spacing, margin)
     points = np.moveaxis(np.indices((48,) * 3), 0, -1) - 20
     gap = np.maximum(0, np.maximum(low - (points + 1) * spacing, (points - 1) * spacing - high))
     gap = np.linalg.norm(gap, axis=-1)
@@ -399,7 +390,7 @@ def test_subdivided_triangles_are_short_and_cover_the_originals():
 
 @pytest.mark.parametrize("margin", [0.0, 0.3, 1.0])
 def test_a_filled_robot_is_as_large_as_what_it_encloses(margin):
-    vertices, faces = box((-1.3, -1.3, -1.3), (1.3, 1.3, 1.3))
+    vertices, faces = make_box((-1.3, -1.3, -1.3), (1.3, 1.3, 1.3))
     spacing = 0.25
     filled = Mesh.of((vertices, faces), "fill").rasters(spacing, margin)
     solid = Mesh.of((vertices, faces)).rasters(spacing, margin)
@@ -466,7 +457,7 @@ def test_components_agree_with_scipy(blocked):
 
 @pytest.mark.parametrize("call", ["grid", "robot"])
 def test_meshes_too_far_for_the_certificate_are_refused(call):
-    mesh = Mesh.of(box((0, 0, 0), (1, 1, 1e6)))
+    mesh = Mesh.of(make_box((0, 0, 0), (1, 1, 1e6)))
     with pytest.raises(InputError, match="rounding"):
         if call == "grid":
             mesh.cells(Grid((0, 0, 0), 0.1, (4, 4, 4)))
@@ -476,4 +467,4 @@ def test_meshes_too_far_for_the_certificate_are_refused(call):
 
 def test_filling_a_mesh_far_larger_than_the_map_is_refused():
     with pytest.raises(InputError, match="fill"):
-        Mesh.of(box((0, 0, 0), (1, 1, 1)), "fill").cells(Grid((0, 0, 0), 1e-5, (4, 4, 4)))
+        Mesh.of(make_box((0, 0, 0), (1, 1, 1)), "fill").cells(Grid((0, 0, 0), 1e-5, (4, 4, 4)))

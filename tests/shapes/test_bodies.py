@@ -1,4 +1,4 @@
-"""Solids of bodies that share triangles, intersect themselves, are oriented inconsistently, or are nested."""
+"""Solids of bodies: shared triangles, self-intersections, orientation and nesting."""
 
 import warnings
 
@@ -10,18 +10,13 @@ from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
 from cspace.shapes.bodies import component_labels, find_bodies
+from mesh_files import join_meshes, make_box
 from oracles import winding_numbers
 from strategies import seeds
 
 
-def box(low, high, inward=False):
-    mesh = trimesh.creation.box(bounds=[low, high])
-    faces = np.array(mesh.faces)
-    return np.array(mesh.vertices), faces[:, ::-1] if inward else faces
-
-
 def fan(radius, low, high, count=24):
-    """Make a cylinder, or a cone if one radius is zero."""
+    """Make a cylinder or a cone frustum."""
     turn = 2 * np.pi * np.arange(count) / count
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     first, second = np.broadcast_to(radius, 2)
@@ -33,27 +28,20 @@ def fan(radius, low, high, count=24):
     return vertices, np.concatenate([*sides, *caps])
 
 
-def joined(*parts):
-    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
-    return (
-        np.concatenate([vertices for vertices, _ in parts]),
-        np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=True)]),
-    )
-
-
-def apart(part):
-    """Give each triangle its own corners, as in an STL file."""
+def separate_triangles(part):
+    """Give each triangle separate vertices, as in an STL file."""
     return part[0][part[1]].reshape(-1, 3), np.arange(part[1].size).reshape(-1, 3)
 
 
-def turned_over(part, *numbers):
+def reverse_triangles(part, *numbers):
+    """Reverse the orientation of some triangles."""
     faces = np.array(part[1])
     faces[list(numbers)] = faces[list(numbers), ::-1]
     return part[0], faces
 
 
 def inside(part, points):
-    """Return which points lie inside, after comparing with the cells and rasters of the mesh."""
+    """Test if points lie inside, after a comparison with cells and rasters."""
     mesh = Mesh.of(part)
     points = np.asarray(points, dtype=float)
     answers = mesh.contains(points)
@@ -77,11 +65,17 @@ def inside(part, points):
 
 
 SHARING = {
-    "boxes on one base": ([box((0, 0, 0), (4, 4, 4)), box((0, 0, 0), (4, 4, 8))], [(1.9, 2.1, 2), (2, 2.2, 6)]),
+    "boxes on one base": (
+        [make_box((0, 0, 0), (4, 4, 4)), make_box((0, 0, 0), (4, 4, 8))],
+        [(1.9, 2.1, 2), (2, 2.2, 6)],
+    ),
     "cones on one base": ([fan((4, 0.5), 0, 4), fan((4, 0.5), 0, 8)], [(0.1, 0.2, 1), (0.1, 0.2, 5)]),
     "coaxial cylinders": ([fan(3, 0, 4), fan(3, 0, 8)], [(0.1, 0.2, 2), (0.1, 0.2, 6)]),
     "cylinder on cylinder": ([fan(3, 0, 4), fan(3, 4, 8)], [(0.1, 0.2, 2), (0.1, 0.2, 6)]),
-    "three levels": ([box((0, 0, 0), (6, 6, z)) for z in (2, 4, 6)], [(2.9, 3.1, 1), (2.9, 3.1, 3), (2.9, 3.1, 5)]),
+    "three levels": (
+        [make_box((0, 0, 0), (6, 6, z)) for z in (2, 4, 6)],
+        [(2.9, 3.1, 1), (2.9, 3.1, 3), (2.9, 3.1, 5)],
+    ),
 }
 
 
@@ -89,8 +83,8 @@ SHARING = {
 @pytest.mark.parametrize("soup", [False, True])
 def test_bodies_that_share_triangles_do_not_cancel(name, soup):
     parts, points = SHARING[name]
-    mesh = joined(*parts)
-    assert inside(apart(mesh) if soup else mesh, points) == [True] * len(points)
+    mesh = join_meshes(*parts)
+    assert inside(separate_triangles(mesh) if soup else mesh, points) == [True] * len(points)
 
 
 def lattice_box(low, high, diagonal):
@@ -113,7 +107,6 @@ def lattice_box(low, high, diagonal):
 @settings(max_examples=30)
 @given(seeds, st.integers(2, 5), st.booleans(), st.booleans())
 def test_coincident_boxes_are_solid_in_their_union(seed, count, soup, cut_at_random):
-    """Use boxes whose faces, edges and corners coincide in every way."""
     rng, side = np.random.default_rng(seed), 4
     parts, solid = [], np.zeros((side,) * 3, dtype=bool)
     for _ in range(count):
@@ -127,7 +120,7 @@ def test_coincident_boxes_are_solid_in_their_union(seed, count, soup, cut_at_ran
         solid[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = True
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        mesh = Mesh.of(joined(*parts))
+        mesh = Mesh.of(join_meshes(*parts))
     middles = np.moveaxis(np.indices(solid.shape), 0, -1) + 0.5 + np.array([0.013, 0.027, 0.041])
     assert (mesh.contains(middles) == solid).all()
 
@@ -135,14 +128,14 @@ def test_coincident_boxes_are_solid_in_their_union(seed, count, soup, cut_at_ran
 @settings(max_examples=30)
 @given(seeds, st.integers(1, 4))
 def test_bodies_agree_with_their_winding_numbers(seed, count):
-    """Compare overlapping balls of both orientations, with some reversed triangles, to solid angles."""
+    # The balls overlap, have both orientations and some reversed triangles.
     rng = np.random.default_rng(seed)
     parts = []
     for _ in range(count):
         ball = trimesh.creation.icosphere(subdivisions=1, radius=rng.uniform(0.3, 1.5))
         part = np.array(ball.vertices) + rng.normal(0, 0.6, 3), np.array(ball.faces)[:, :: rng.choice([-1, 1])]
-        parts.append(turned_over(part, *rng.integers(0, len(part[1]), rng.integers(0, 3))))
-    vertices, faces = joined(*parts)
+        parts.append(reverse_triangles(part, *rng.integers(0, len(part[1]), rng.integers(0, 3))))
+    vertices, faces = join_meshes(*parts)
     points = rng.uniform(-2.5, 2.5, (200, 3))
     bodies = find_bodies(vertices, faces)
     assert len(bodies) == count
@@ -161,7 +154,7 @@ def test_bodies_agree_with_their_winding_numbers(seed, count):
 
 
 def tube(turns=1.15, radius=3.0, thickness=1.0, along=40, around=12):
-    """Make a tube that runs into its own beginning."""
+    """Make a tube whose end intersects its beginning."""
     t, a = np.linspace(0, 2 * np.pi * turns, along), 2 * np.pi * np.arange(around) / around
     out = np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
     middle = radius * out + np.array([0, 0, 0.25]) * t[:, None] / (2 * np.pi)
@@ -177,7 +170,7 @@ def tube(turns=1.15, radius=3.0, thickness=1.0, along=40, around=12):
 
 
 def prism(polygon, low, high):
-    """Make a closed prism over a closed polygon that may cross itself."""
+    """Make a closed prism over a polygon that may intersect itself."""
     polygon, n = np.asarray(polygon, dtype=float), len(polygon)
     caps = [np.column_stack([polygon, np.full(n, z)]) for z in (low, high)]
     vertices = np.concatenate([*caps, [[*polygon.mean(axis=0), low]], [[*polygon.mean(axis=0), high]]])
@@ -186,12 +179,12 @@ def prism(polygon, low, high):
     return vertices, np.concatenate([np.stack(face, axis=-1) for face in faces])
 
 
-def test_a_reversed_triangle_is_turned_back():
-    """Use a tube with winding number 2 where it intersects itself; even-odd parity would say outside."""
+def test_a_reversed_triangle_is_corrected():
+    # The winding number of the self-intersection is 2, so even-odd parity would be wrong.
     crossing = [(3 * np.cos(0.4), 3 * np.sin(0.4), 0.14)]
     assert inside(tube(), crossing) == [True]
     for number in (0, 300, 950):
-        part = turned_over(tube(), number)
+        part = reverse_triangles(tube(), number)
         assert np.unique(Mesh.of(part).bodies[0].turns, return_counts=True)[1].min() == 1
         assert inside(part, crossing) == [True]
 
@@ -209,21 +202,21 @@ def test_pockets_with_cancelling_windings_are_hollow():
 
 @pytest.mark.parametrize("soup", [False, True])
 def test_a_box_drawn_twice_stays_solid_with_other_diagonals(soup):
-    vertices, faces = box((0, 0, 0), (4, 4, 4))
+    vertices, faces = make_box((0, 0, 0), (4, 4, 4))
     mirrored = vertices[:, [1, 0, 2]], faces[:, ::-1]
     point = [(2.1, 2.2, 2.3)]
-    shaped = apart if soup else joined
-    assert inside(shaped(joined((vertices, faces), mirrored)), point) == [True]
+    shaped = separate_triangles if soup else join_meshes
+    assert inside(shaped(join_meshes((vertices, faces), mirrored)), point) == [True]
     # A box drawn once for each side cancels, with a warning.
     with pytest.warns(MeshWarning, match="cancel"):
-        assert inside(shaped(joined((vertices, faces), (mirrored[0], faces))), point) == [False]
+        assert inside(shaped(join_meshes((vertices, faces), (mirrored[0], faces))), point) == [False]
     with pytest.warns(MeshWarning, match="are open"):
-        inside(shaped(joined((vertices, faces), turned_over(mirrored, 0))), point)
+        inside(shaped(join_meshes((vertices, faces), reverse_triangles(mirrored, 0))), point)
 
 
 @pytest.mark.parametrize("name", ["moebius", "klein"])
 def test_a_surface_with_one_side_has_no_inside(name):
-    """Use a Moebius strip, which is open, and Klein's bottle, which is closed; neither can be oriented."""
+    # A Moebius strip is open and Klein's bottle is closed; neither can be oriented.
     n, m = 24, 12
     u, v = np.meshgrid(2 * np.pi * np.arange(n) / n, np.arange(m), indexing="ij")
     i, j = np.meshgrid(np.arange(n), np.arange(m - (name == "moebius")), indexing="ij")
@@ -250,7 +243,10 @@ def test_a_surface_with_one_side_has_no_inside(name):
 
 
 def bent_hollow(flip):
-    """Make a block with a hollow and a bent duct, so that every axis-parallel ray from inside hits the block."""
+    """Make a block with a hollow whose duct no axis-parallel ray passes.
+
+    With ``flip``, one triangle is reversed.
+    """
     outside = np.pad(np.zeros((7, 7, 7), dtype=bool), 1)
     block = np.ones((7, 7, 7), dtype=bool)
     block[2:5, 2:5, 2:5] = False
@@ -269,7 +265,7 @@ def bent_hollow(flip):
                 triangles += [square[[0, 1, 2]], square[[0, 2, 3]]]
     vertices, numbers = np.unique(np.concatenate(triangles), axis=0, return_inverse=True)
     part = vertices, numbers.reshape(-1, 3)
-    return turned_over(part, 7) if flip else part
+    return reverse_triangles(part, 7) if flip else part
 
 
 @pytest.mark.parametrize("flip", [False, True])
@@ -280,44 +276,46 @@ def test_a_hollow_with_a_bent_exit_is_outside(flip):
     assert inside(part, [(4.25, 4.25, 4.25), (3.1, 3.2, 3.3), (1.5, 1.5, 1.5)]) == [False, False, True]
 
 
-A, B, C = ((0, 0, 0), (12, 12, 12)), ((3, 3, 3), (9, 9, 9)), ((5, 5, 5), (7, 7, 7))
-WALL, MIDDLE = (1.5, 1.6, 1.7), (6.1, 6.2, 6.3)
+def inward(part):
+    return part[0], part[1][:, ::-1]
 
 
-def two_sided(part, back_first=False):
+def two_sided(part):
+    """Add the reverse of each triangle."""
     vertices, faces = part
-    pair = [faces[:, ::-1], faces] if back_first else [faces, faces[:, ::-1]]
-    return vertices, np.stack(pair, axis=1).reshape(-1, 3)
+    return vertices, np.stack([faces, faces[:, ::-1]], axis=1).reshape(-1, 3)
 
 
+OUTER, MIDDLE, INNER = (make_box((k,) * 3, (12 - k,) * 3) for k in (0, 3, 5))
+IN_WALL, AT_CENTER = (1.5, 1.6, 1.7), (6.1, 6.2, 6.3)
 NESTED = {
-    "cavity": ([box(*A), box(*B, True)], False),
-    "island": ([box(*A), box(*B, True), box(*C)], True),
-    "island that faces inward": ([box(*A), box(*B, True), box(*C, True)], True),
-    "solid": ([box(*A), box(*B)], True),
-    "all inward": ([box(*A, True), box(*B, True)], True),
-    "inward": ([box(*A, True)], True),
-    "room that faces inward, and furniture": ([box(*A, True), box(*B)], True),
-    "cavities that overlap": ([box(*A), box((2, 2, 2), (7, 7, 7), True), box((4, 4, 4), (10, 10, 10), True)], True),
-    "column through the wall of a cavity": ([box(*A), box(*B, True), box((5, 5, 1), (7, 7, 7))], True),
-    "cavity with a triangle turned over": ([box(*A), turned_over(box(*B, True), 0)], True),
-    "wall with a triangle turned over": ([turned_over(box(*A), 0), box(*B, True)], False),
-    "cavity in a cavity": ([box(*A), box((2, 2, 2), (10, 10, 10), True), box(*B, True)], True),
-    "cavity in a body in a body": ([box((-1, -1, -1), (13, 13, 13)), box(*A), box(*B, True)], True),
-    "both ways": ([two_sided(box(*A)), two_sided(box(*B), True)], True),
-    "both ways, the same first": ([two_sided(box(*A)), two_sided(box(*B))], True),
-    "inward, and it sticks out": ([box(*A), box((5, 5, 5), (13, 7, 7), True)], True),
-    "inward, through and through": ([box(*A), box((-1, 5, 5), (13, 7, 7), True)], True),
+    "cavity": ([OUTER, inward(MIDDLE)], False),
+    "island": ([OUTER, inward(MIDDLE), INNER], True),
+    "inward island": ([OUTER, inward(MIDDLE), inward(INNER)], True),
+    "solid": ([OUTER, MIDDLE], True),
+    "all inward": ([inward(OUTER), inward(MIDDLE)], True),
+    "inward": ([inward(OUTER)], True),
+    "inward room with furniture": ([inward(OUTER), MIDDLE], True),
+    "overlapping cavities": ([OUTER, make_box((2,) * 3, (7,) * 3, True), make_box((4,) * 3, (10,) * 3, True)], True),
+    "column through the wall of a cavity": ([OUTER, inward(MIDDLE), make_box((5, 5, 1), (7, 7, 7))], True),
+    "cavity with a reversed triangle": ([OUTER, reverse_triangles(inward(MIDDLE), 0)], True),
+    "wall with a reversed triangle": ([reverse_triangles(OUTER, 0), inward(MIDDLE)], False),
+    "cavity in a cavity": ([OUTER, make_box((2,) * 3, (10,) * 3, True), inward(MIDDLE)], True),
+    "cavity in a body in a body": ([make_box((-1,) * 3, (13,) * 3), OUTER, inward(MIDDLE)], True),
+    "two-sided": ([two_sided(OUTER), two_sided(inward(MIDDLE))], True),
+    "two-sided, equal order": ([two_sided(OUTER), two_sided(MIDDLE)], True),
+    "inward, sticking out": ([OUTER, make_box((5, 5, 5), (13, 7, 7), True)], True),
+    "inward, piercing both walls": ([OUTER, make_box((-1, 5, 5), (13, 7, 7), True)], True),
 }
 
 
 @pytest.mark.parametrize("name", NESTED)
 @pytest.mark.parametrize("soup", [False, True])
 def test_bodies_within_bodies_are_cavities_and_islands(name, soup):
-    """Winding numbers add up; an inward body is a cavity only inside an outward body."""
+    # Winding numbers add up; an inward body is a cavity only inside an outward body.
     parts, expected = NESTED[name]
-    mesh = joined(*parts)
-    assert inside(apart(mesh) if soup else mesh, [WALL, MIDDLE]) == [True, expected]
+    mesh = join_meshes(*parts)
+    assert inside(separate_triangles(mesh) if soup else mesh, [IN_WALL, AT_CENTER]) == [True, expected]
 
 
 @pytest.mark.parametrize("soup", [False, True])
@@ -326,16 +324,16 @@ def test_a_room_of_slabs_is_free(soup):
     slabs = []
     for axis in range(3):
         unit = np.eye(3, dtype=int)[axis]
-        slabs += [box(low, high - 6 * unit), box(low + 6 * unit, high)]
-    room = joined(*slabs)
-    assert inside(apart(room) if soup else room, [(4.1, 4.2, 4.3), (1.1, 4.2, 4.3)]) == [False, True]
+        slabs += [make_box(low, high - 6 * unit), make_box(low + 6 * unit, high)]
+    room = join_meshes(*slabs)
+    assert inside(separate_triangles(room) if soup else room, [(4.1, 4.2, 4.3), (1.1, 4.2, 4.3)]) == [False, True]
 
 
-def test_bars_that_face_in_opposite_directions_and_cross_are_solid_together():
-    """Use bars of equal height, whose edges meet in points and pierce no face, at inexact rotations."""
+def test_crossing_bars_of_opposite_orientation_are_solid_together():
+    # The edges of bars of equal height meet in points and pierce no face, at inexact rotations.
     for seed in range(20):
         turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
-        vertices, faces = joined(box((-3, -1, -1), (3, 1, 1)), box((-1, -3, -1), (1, 3, 1), inward=True))
+        vertices, faces = join_meshes(make_box((-3, -1, -1), (3, 1, 1)), make_box((-1, -3, -1), (1, 3, 1), inward=True))
         points = np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)]) @ turn.T
         assert Mesh.of((vertices @ turn.T, faces)).contains(points).tolist() == [True, True, True, False]
 
@@ -343,18 +341,18 @@ def test_bars_that_face_in_opposite_directions_and_cross_are_solid_together():
 @pytest.mark.parametrize(("number", "pairs"), [(0, 0), (5, 0), (60, 40), (60, 400), (3000, 2990)])
 def test_component_labels_agree_with_a_graph_search(number, pairs):
     first, second = np.random.default_rng(pairs).integers(max(number, 1), size=(2, pairs))
-    if pairs > number / 2 > 1000:  # a chain, in no order
+    if pairs > number / 2 > 1000:  # a chain in random order
         first, second = np.random.default_rng(1).permutation(number)[[np.arange(pairs), np.arange(1, pairs + 1)]]
     near = [[] for _ in range(number)]
     for a, b in zip(first.tolist(), second.tolist(), strict=True):
         near[a].append(b)
         near[b].append(a)
-    least = [-1] * number
+    labels = [-1] * number
     for start in range(number):
-        waiting = [start] if least[start] < 0 else []
+        waiting = [start] if labels[start] < 0 else []
         while waiting:
             node = waiting.pop()
-            if least[node] < 0:
-                least[node] = start
+            if labels[node] < 0:
+                labels[node] = start
                 waiting += near[node]
-    assert component_labels(first, second, number).tolist() == least
+    assert component_labels(first, second, number).tolist() == labels

@@ -1,4 +1,4 @@
-"""Cylinders, capsules and ellipses: proofs for their outer and inner bounds agree with their formulas."""
+"""Cylinders, capsules and ellipses, which have outer and inner bounds."""
 
 import math
 from fractions import Fraction
@@ -33,12 +33,12 @@ def in_capsule(points, wider=0.0):
     return np.linalg.norm(points - np.stack([0 * height, 0 * height, height], axis=-1), axis=-1) <= RADIUS + wider
 
 
-KINDS = {"cylinder": (Robot.cylinder, in_cylinder), "capsule": (Robot.capsule, in_capsule)}
+ROUND_SOLIDS = {"cylinder": (Robot.cylinder, in_cylinder), "capsule": (Robot.capsule, in_capsule)}
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=ROUND_SOLIDS)
 def kind(request):
-    return KINDS[request.param]
+    return ROUND_SOLIDS[request.param]
 
 
 def points_within(inside, rng, count=3000):
@@ -48,7 +48,7 @@ def points_within(inside, rng, count=3000):
 
 @pytest.mark.parametrize("angle", [0.0, 0.2])
 @pytest.mark.parametrize("spacing", [0.05, 0.11])
-def test_rasters_hold_for_the_shape_itself(kind, angle, spacing):
+def test_rasters_bound_the_exact_shape(kind, angle, spacing):
     make, inside = kind
     rng = np.random.default_rng(3)
     middle = Rotation.random(rng=rng)
@@ -76,14 +76,14 @@ def test_outer_and_inner_bounds_are_as_close_as_stated(kind):
     assert inner.contains(points[inside(points, -0.0025 * RADIUS)]).all()
 
 
-ONE_SIDED = (
+ONE_SIDED_ATTRIBUTES = (
     *("boundary", "bounds", "boxes", "contains", "encloses", "_facts", "inscribed_radius", "is_boxes", "measure"),
     *("outline", "regions", "surface"),
 )
 
 
-@pytest.mark.parametrize("name", ONE_SIDED)
-def test_bounded_shapes_have_no_measures_of_their_own(kind, name):
+@pytest.mark.parametrize("name", ONE_SIDED_ATTRIBUTES)
+def test_bounded_shapes_lack_one_sided_attributes(kind, name):
     shape = kind[0](RADIUS, LENGTH).shape
     assert hasattr(type(shape.outer), name)
     assert hasattr(type(shape.inner), name)
@@ -94,9 +94,9 @@ lengths = st.floats(0.01, 10.0)
 
 
 @given(lengths, lengths, st.tuples(*[st.floats(-3.0, 3.0)] * 3))
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", ROUND_SOLIDS)
 def test_outer_and_inner_shapes_enclose_exact_values(name, radius, length, center):
-    robot = KINDS[name][0](radius, length, center)
+    robot = ROUND_SOLIDS[name][0](radius, length, center)
     ends = 4.0 / 3.0 * math.pi * radius**3 if name == "capsule" else 0.0
     volume = math.pi * radius**2 * length + ends
     half = np.array([radius, radius, length / 2.0 + (radius if name == "capsule" else 0.0)])
@@ -119,7 +119,7 @@ def test_an_ellipse_lies_between_its_polygons_in_rational_arithmetic(a, b, cente
     shape = Robot.ellipse(a, b, center).shape
 
     def scaled(side):
-        """Return the corners in the frame where the ellipse is exactly the unit circle."""
+        """Scale the corners so that the ellipse becomes the unit circle."""
         points = np.asarray(side.geometries[0].exterior.coords)[:-1]
         return [
             tuple((Fraction(x) - Fraction(c)) / Fraction(r) for x, c, r in zip(p, center, (a, b), strict=True))
@@ -162,7 +162,7 @@ def test_maps_of_an_ellipse_agree_with_its_equation(rotations):
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.3, 0.45])
-def test_no_cell_of_a_costmap_costs_nothing_within_the_inflation_radius(kind, radius):
+def test_costs_are_positive_within_the_inflation_radius(kind, radius):
     make, _ = kind
     space = cspace.build(
         Workspace.from_array(np.eye(40, dtype=bool), 0.1), make(radius, 1.0).footprint(), outside="free"
@@ -179,7 +179,7 @@ def test_no_cell_of_a_costmap_costs_nothing_within_the_inflation_radius(kind, ra
 
 @pytest.mark.parametrize("way", [{"tolerance": 0.06}, {"number": 20}], ids=["tolerance", "number"])
 @pytest.mark.parametrize("side", ["inner", "outer"])
-def test_bounds_of_a_decomposition_hold_for_the_shape_itself(kind, side, way):
+def test_bounds_of_a_decomposition_hold_for_the_exact_shape(kind, side, way):
     make, inside = kind
     balls = decompose(make(RADIUS, LENGTH).shape, kind=side, **way)
     ends = 4.0 / 3.0 * math.pi * RADIUS**3 if make == Robot.capsule else 0.0
@@ -205,11 +205,11 @@ def test_bounds_of_a_decomposition_hold_for_the_shape_itself(kind, side, way):
         assert balls.hausdorff.upper <= 1.1 * way["tolerance"]
 
 
-BOXES = (((1.0, 0.8, 0.6), (0.9, 0.8, 0.4)), ((0.3, 1.2, 1.5), (2.0, 1.2, 1.0)))
+OBSTACLE_BOXES = (((1.0, 0.8, 0.6), (0.9, 0.8, 0.4)), ((0.3, 1.2, 1.5), (2.0, 1.2, 1.0)))
 
 
 def workspace():
-    mesh = trimesh.util.concatenate([trimesh.creation.box(size).apply_translation(at) for size, at in BOXES])
+    mesh = trimesh.util.concatenate([trimesh.creation.box(size).apply_translation(at) for size, at in OBSTACLE_BOXES])
     return Workspace.from_mesh(mesh, 0.08, bounds=(0, 0, 0, 2.6, 2.2, 2.0))
 
 
@@ -221,7 +221,7 @@ def test_maps_agree_with_fcl(kind, rotations):
     q = np.column_stack([rng.uniform(0, (2.6, 2.2, 2.0), (800, 3)), rng.normal(size=(800, space.size - 3))])
     if space.size == 7:
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    boxes = [solids.box(*each) for each in BOXES]
+    boxes = [solids.box(*each) for each in OBSTACLE_BOXES]
     robot = {"cylinder": fcl.Cylinder, "capsule": fcl.Capsule}[make.__name__](RADIUS, LENGTH)
     states = space.classify(q)
     assert min(np.bincount(states, minlength=3)) > 40
@@ -241,7 +241,7 @@ def test_an_upright_solid_needs_one_slice_unless_off_its_axis(kind):
     assert (again.shape.symmetry, again.shape.outer.bounds[0].tolist()) == (0, one.shape.outer.bounds[0].tolist())
 
 
-def test_inner_balls_lie_in_the_shape_itself(kind):
+def test_inner_balls_lie_in_the_exact_shape(kind):
     make, inside = kind
     balls = decompose(make(RADIUS, LENGTH).shape, kind="inner", tolerance=0.1)
     way = np.random.default_rng(6).normal(size=(500, 3))
@@ -250,7 +250,7 @@ def test_inner_balls_lie_in_the_shape_itself(kind):
 
 
 def test_exact_queries_use_the_outer_shape(kind):
-    """Use a floor and a ceiling, or two walls, hardly farther apart than the shape is wide."""
+    # The walls are hardly farther apart than the shape is wide.
     make, _ = kind
     walls = [trimesh.creation.box((0.2, 2, 2)).apply_translation((x, 0, 0)) for x in (-0.1 - 0.003, 2 * RADIUS + 0.103)]
     around = Workspace.from_mesh(trimesh.util.concatenate(walls), 0.1, bounds=(-0.2, -1, -1, 0.8, 1, 1))

@@ -1,4 +1,4 @@
-"""Meshes: reading, refusals, bodies, and the points inside."""
+"""Meshes: reading, refusals, bodies and points inside."""
 
 import json
 import warnings
@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from cspace import FileError, GeometryError, InputError, Robot, Workspace
 from cspace.files.meshes import read_mesh
 from cspace.shapes.mesh import Mesh, MeshWarning
+from mesh_files import TETRAHEDRON, join_meshes
 from oracles import winding_numbers
 from refusals import refusals
 from strategies import seeds
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)
-TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
-SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+TETRA_VERTICES, TETRA_FACES = TETRAHEDRON
 
-WRITTEN = {
+EXPORT_OPTIONS = {
     "binary.stl": {"file_type": "stl"},
     "text.stl": {"file_type": "stl_ascii"},
     "mesh.obj": {"file_type": "obj"},
@@ -33,14 +33,14 @@ WRITTEN = {
 
 
 def write(folder, name, mesh=SPHERE):
-    data = mesh.export(**WRITTEN[name])
+    data = mesh.export(**EXPORT_OPTIONS[name])
     file = folder / name
     file.write_bytes(data if isinstance(data, bytes) else data.encode())
     return file
 
 
-@pytest.mark.parametrize("name", WRITTEN)
-def test_every_format_gives_the_mesh_back(tmp_path, name):
+@pytest.mark.parametrize("name", EXPORT_OPTIONS)
+def test_every_format_restores_the_mesh(tmp_path, name):
     mesh = Mesh.of(write(tmp_path, name))
     assert mesh.source == name
     assert len(mesh.faces) == len(SPHERE.faces)
@@ -103,31 +103,34 @@ def test_parts_of_a_scene_are_placed_and_joined():
 
 @refusals(
     "shape, error, message",
-    ((TETRAHEDRON, np.empty((0, 3), dtype=int)), GeometryError, "no triangles"),
-    ((TETRAHEDRON, [[0, 1, 4]]), GeometryError, "vertex 4"),
-    ((TETRAHEDRON, [[0, 1, -1]]), GeometryError, "vertex -1"),
-    ((TETRAHEDRON, [[0.0, 1.0, 2.0]]), GeometryError, "whole numbers"),
-    ((TETRAHEDRON, [[0, 1, 2, 3]]), GeometryError, r"\(F, 3\)"),
-    ((TETRAHEDRON[:, :2], SIDES), GeometryError, r"\(V, 3\)"),
-    ((TETRAHEDRON * np.nan, SIDES), InputError, "nan"),
-    ((TETRAHEDRON * (1 + 1j), SIDES), InputError, "complex"),
-    ((TETRAHEDRON, np.ma.masked_equal(SIDES, 3)), InputError, "faces of mesh has 3 masked"),
-    ((TETRAHEDRON * 1e200, SIDES), GeometryError, "units"),
+    ((TETRA_VERTICES, np.empty((0, 3), dtype=int)), GeometryError, "no triangles"),
+    ((TETRA_VERTICES, [[0, 1, 4]]), GeometryError, "vertex 4"),
+    ((TETRA_VERTICES, [[0, 1, -1]]), GeometryError, "vertex -1"),
+    ((TETRA_VERTICES, [[0.0, 1.0, 2.0]]), GeometryError, "whole numbers"),
+    ((TETRA_VERTICES, [[0, 1, 2, 3]]), GeometryError, r"\(F, 3\)"),
+    ((TETRA_VERTICES[:, :2], TETRA_FACES), GeometryError, r"\(V, 3\)"),
+    ((TETRA_VERTICES * np.nan, TETRA_FACES), InputError, "nan"),
+    ((TETRA_VERTICES * (1 + 1j), TETRA_FACES), InputError, "complex"),
+    ((TETRA_VERTICES, np.ma.masked_equal(TETRA_FACES, 3)), InputError, "faces of mesh has 3 masked"),
+    ((TETRA_VERTICES * 1e200, TETRA_FACES), GeometryError, "units"),
     (42, InputError, "int"),
     (trimesh.PointCloud(np.eye(3)), GeometryError, "cloud of points"),
 )
-def test_bad_meshes_are_refused(shape, error, message):
+def test_invalid_meshes_are_refused(shape, error, message):
     with pytest.raises(error, match=message):
         Mesh.of(shape)
 
 
 def test_an_unknown_policy_is_refused():
     with pytest.raises(InputError, match="'surface'"):
-        Mesh.of((TETRAHEDRON, SIDES), "hollow")
+        Mesh.of((TETRA_VERTICES, TETRA_FACES), "hollow")
 
 
 def test_open_bodies_warn_once_and_only_with_auto():
-    shape = (np.concatenate([SPHERE.vertices, TETRAHEDRON + 5]), np.concatenate([SPHERE.faces, SIDES[1:] + 162]))
+    shape = (
+        np.concatenate([SPHERE.vertices, TETRA_VERTICES + 5]),
+        np.concatenate([SPHERE.faces, TETRA_FACES[1:] + 162]),
+    )
     with pytest.warns(MeshWarning, match=r"1 of 2 bodies .* \(3 of 323 triangles\).*surface.*fill") as caught:
         mesh = Mesh.of(shape)
     assert len(caught) == 1
@@ -140,11 +143,11 @@ def test_open_bodies_warn_once_and_only_with_auto():
         with pytest.raises(InputError, match="fill"):
             Mesh.of(shape, "fill").contains((0, 0, 0))
     with pytest.warns(MeshWarning, match="no triangle"):
-        Mesh.of((TETRAHEDRON, [[0, 1, 1]]))
+        Mesh.of((TETRA_VERTICES, [[0, 1, 1]]))
 
 
 def test_a_mesh_warns_once_when_it_is_used():
-    mesh, again = (Mesh(TETRAHEDRON, SIDES[1:]) for _ in range(2))
+    mesh, again = (Mesh(TETRA_VERTICES, TETRA_FACES[1:]) for _ in range(2))
     with pytest.warns(MeshWarning, match="1 of 1 bodies") as caught:
         workspace = Workspace.from_mesh(mesh, 0.5)
         robot = Robot.from_mesh(mesh)
@@ -156,26 +159,26 @@ def test_a_mesh_warns_once_when_it_is_used():
         warnings.simplefilter("error")
         Robot.from_spec(robot.spec)
         Workspace.from_mesh(workspace.shapes[0], 0.25)
-        Mesh.of(Mesh(TETRAHEDRON, SIDES))
-        Mesh.of(Mesh(TETRAHEDRON, SIDES[1:], "surface"))
-        Mesh.of(Mesh(TETRAHEDRON, SIDES[1:]), "surface")
+        Mesh.of(Mesh(TETRA_VERTICES, TETRA_FACES))
+        Mesh.of(Mesh(TETRA_VERTICES, TETRA_FACES[1:], "surface"))
+        Mesh.of(Mesh(TETRA_VERTICES, TETRA_FACES[1:]), "surface")
 
 
 def test_coincident_vertices_and_empty_triangles_do_not_open_a_body():
-    separate = (TETRAHEDRON[SIDES].reshape(-1, 3), np.arange(12).reshape(4, 3))
+    separate = (TETRA_VERTICES[TETRA_FACES].reshape(-1, 3), np.arange(12).reshape(4, 3))
     assert Mesh.of(separate).is_watertight
     zeros = np.where(separate[0] == 0.0, np.where(np.arange(12)[:, None] % 2, -0.0, 0.0), separate[0])
     assert Mesh.of((zeros, separate[1])).is_watertight
     for extra in ([[0, 0, 1]], [[2, 2, 2]]):
-        mesh = Mesh.of((TETRAHEDRON, np.concatenate([SIDES, extra])))
+        mesh = Mesh.of((TETRA_VERTICES, np.concatenate([TETRA_FACES, extra])))
         assert mesh.is_watertight
         assert len(mesh.bodies) == 1
-    # One without area that hangs on an edge is left out, and one that closes a gap is needed.
-    middle = np.vstack([TETRAHEDRON, [0.5, 0, 0]])
-    assert Mesh.of((middle, np.concatenate([SIDES, [[0, 4, 1]]]))).is_watertight
+    # A triangle without area on an edge is skipped; such a triangle that closes a gap is kept.
+    middle = np.vstack([TETRA_VERTICES, [0.5, 0, 0]])
+    assert Mesh.of((middle, np.concatenate([TETRA_FACES, [[0, 4, 1]]]))).is_watertight
     halves = [[0, 4, 3], [4, 1, 3]]
-    assert not Mesh.of((middle, np.concatenate([SIDES[[0, 2, 3]], halves])), "surface").is_watertight
-    mended = Mesh.of((middle, np.concatenate([SIDES[[0, 2, 3]], halves, [[0, 1, 4]]])))
+    assert not Mesh.of((middle, np.concatenate([TETRA_FACES[[0, 2, 3]], halves])), "surface").is_watertight
+    mended = Mesh.of((middle, np.concatenate([TETRA_FACES[[0, 2, 3]], halves, [[0, 1, 4]]])))
     assert mended.is_watertight
     assert mended.volume == pytest.approx(1 / 6)
     assert mended.contains((0.2, 0.2, 0.2))
@@ -185,44 +188,43 @@ def test_coincident_vertices_and_empty_triangles_do_not_open_a_body():
 def test_bodies_that_touch_along_an_edge_are_separate():
     cube = trimesh.creation.box((2, 2, 2))
     vertices, faces = np.array(cube.vertices), np.array(cube.faces)
-    beside = Mesh.of((np.concatenate([vertices, np.add(vertices, (2, 2, 0))]), np.concatenate([faces, faces + 8])))
+    beside = Mesh.of(join_meshes((vertices, faces), (np.add(vertices, (2, 2, 0)), faces)))
     assert len(beside.bodies) == 2
     assert beside.contains([(0, 0, 0), (2, 2, 0), (0, 2, 0)]).tolist() == [True, True, False]
-    # Something open that hangs on a closed body leaves it closed.
+    # An open part attached to a closed body leaves the body closed.
     with pytest.warns(MeshWarning, match=r"1 of 2 bodies .*\(1 of 13 triangles\)"):
         fin = Mesh.of((np.vstack([vertices, [3, 3, 3]]), np.vstack([faces, [faces[0, 0], faces[0, 1], 8]])))
     assert fin.contains((0, 0, 0))
-    # One within the other, with a common edge, facing the other way: it can be no cavity.
+    # An inward body that shares an edge with the outward body around it is no cavity.
     inner = vertices * (0.5, 0.5, 1) - (0.5, 0.5, 0)
-    assert Mesh.of((np.concatenate([vertices, inner]), np.concatenate([faces, faces[:, ::-1] + 8]))).contains(
+    assert Mesh.of(join_meshes((vertices, faces), (inner, faces[:, ::-1]))).contains(
         [(-0.5, -0.5, 0), (0.5, 0.5, 0), (1.5, 0, 0)]
     ).tolist() == [True, True, False]
 
 
 def test_a_mesh_is_returned_unchanged():
-    filled = Mesh.of((TETRAHEDRON, SIDES[1:]), "fill")
+    filled = Mesh.of((TETRA_VERTICES, TETRA_FACES[1:]), "fill")
     assert Mesh.of(filled) is filled
     assert Mesh.of(filled, "fill") is filled
     assert Mesh.of(filled, "surface").solid == "surface"
 
 
 def test_triangles_of_a_body_get_one_direction():
-    mixed = SIDES.copy()
+    mixed = TETRA_FACES.copy()
     mixed[0] = mixed[0, ::-1]
-    for faces in (SIDES, SIDES[:, ::-1], mixed):
-        (body,) = Mesh.of((TETRAHEDRON, faces)).bodies
+    for faces in (TETRA_FACES, TETRA_FACES[:, ::-1], mixed):
+        (body,) = Mesh.of((TETRA_VERTICES, faces)).bodies
         assert body.closed
         assert body.volume == pytest.approx(1 / 6)
-        assert Mesh.of((TETRAHEDRON, faces)).contains([(0.1, 0.1, 0.1), (0.9, 0.9, 0.9)]).tolist() == [True, False]
+        assert Mesh.of((TETRA_VERTICES, faces)).contains([(0.1, 0.1, 0.1), (0.9, 0.9, 0.9)]).tolist() == [True, False]
 
 
 def test_a_body_that_overlaps_itself_is_solid_throughout():
-    """Use two overlapping boxes joined by a doubled edge; their overlap has winding number 2."""
+    # Two boxes are joined by a doubled edge; their overlap has winding number 2.
     first, second = trimesh.creation.box((2, 2, 2)), trimesh.creation.box((2, 2, 2))
     second.vertices[:] = second.vertices * (1.0, 1.0, 0.5)
-    faces = np.concatenate([first.faces, second.faces + 8])
-    vertices = np.concatenate([first.vertices, second.vertices])
-    # A tube of two triangles each way joins them without a volume of its own.
+    vertices, faces = join_meshes((first.vertices, first.faces), (second.vertices, second.faces))
+    # Two opposite triangles join the boxes without adding a volume.
     pair = [[0, 1, 8], [8, 1, 0]]
     mesh = Mesh.of((vertices, np.concatenate([faces, pair])))
     assert mesh.contains([(0, 0, 0), (0, 0, 0.7), (0, 0, 1.2)]).tolist() == [True, True, False]
@@ -230,7 +232,7 @@ def test_a_body_that_overlaps_itself_is_solid_throughout():
 
 @given(seeds, st.booleans())
 def test_points_in_convex_bodies_agree_with_half_spaces(seed, lattice):
-    """Use points on the lattice of the corners, so that rays pass through vertices and edges."""
+    # Points on the lattice of the corners cast rays through vertices and edges.
     rng = np.random.default_rng(seed)
     corners = rng.integers(0, 7, (12, 3)).astype(float) if lattice else rng.uniform(0, 6, (12, 3))
     try:
@@ -258,14 +260,14 @@ def test_points_in_convex_bodies_agree_with_half_spaces(seed, lattice):
 
 @given(seeds)
 def test_points_in_crumpled_bodies_agree_with_solid_angles(seed):
-    """Use bodies that cross themselves; a point is inside if its winding number is non-zero."""
+    # The bodies intersect themselves.
     rng = np.random.default_rng(seed)
     ball = trimesh.creation.icosphere(subdivisions=1)
     vertices = np.array(ball.vertices) + rng.normal(size=ball.vertices.shape) * 0.5
     points = rng.uniform(-1.5, 1.5, (300, 3))
     solid = winding_numbers(points, vertices[ball.faces]) != 0
     assert (Mesh.of((vertices, ball.faces)).contains(points) == solid).all()
-    # Those that are turned over are turned back.
+    # Reversed triangles are corrected.
     mixed = np.array(ball.faces)
     mixed[::3] = mixed[::3, ::-1]
     assert (Mesh.of((vertices, mixed)).contains(points) == solid).all()
@@ -286,8 +288,8 @@ def test_a_spec_restores_a_mesh_exactly():
 
 
 def test_a_mesh_copies_its_arrays():
-    vertices = TETRAHEDRON.copy()
-    mesh = Mesh.of((vertices, SIDES))
+    vertices = TETRA_VERTICES.copy()
+    mesh = Mesh.of((vertices, TETRA_FACES))
     vertices[:] = 7.0
     assert np.stack(mesh.bounds).tolist() == [[0, 0, 0], [1, 1, 1]]
     with pytest.raises(ValueError, match="read-only"):
@@ -295,7 +297,7 @@ def test_a_mesh_copies_its_arrays():
 
 
 @given(seeds, st.integers(0, 4))
-def test_a_footprint_holds_triangles_seen_edge_on(seed, count):
+def test_a_footprint_contains_triangles_seen_edge_on(seed, count):
     rng = np.random.default_rng(seed)
     triangles = np.concatenate([rng.uniform(-1, 1, (count + 1, 3, 3)), rng.uniform(-3, 3, (6, 3, 3))])
     edge_on = triangles[count + 1 :]

@@ -1,4 +1,4 @@
-"""Laws of every kind of shape."""
+"""Laws of all shapes."""
 
 import json
 
@@ -11,11 +11,11 @@ from cspace import GeometryError, Grid, InputError, Mesh, Robot, Workspace
 from cspace.rotations import RotationCell
 from cspace.shapes import Balls, Box, Polygons, Voxels, shape_from_spec
 
-TORUS = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)
+TORUS_MESH = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)
 CYLINDER = Robot.cylinder(0.4, 0.7, (0.1, 0.0, 0.2)).shape
 BITS = np.random.default_rng(0).random((5, 4, 3)) < 0.6
 
-SHAPES = {
+SHAPE_BUILDERS = {
     "polygons": lambda: Polygons(
         [
             shapely.box(-1, -0.8, 0.6, 0.7).difference(shapely.box(-0.5, -0.4, 0.1, 0.2)),
@@ -32,16 +32,16 @@ SHAPES = {
     "many radii": lambda: Balls.of(np.random.default_rng(1).uniform(-1, 1, (12, 3)), np.linspace(0.1, 0.4, 12)),
     "box": lambda: Box.of((1.1, 0.7, 0.5), (0.2, -0.1, 0.15)),
     "voxels": lambda: Voxels.of(BITS, 0.29, (-0.7, -0.6, -0.4)),
-    "mesh": lambda: Mesh.of((TORUS.vertices, TORUS.faces)),
+    "mesh": lambda: Mesh.of((TORUS_MESH.vertices, TORUS_MESH.faces)),
     "cylinder": lambda: CYLINDER,
     "shadow of a cylinder": lambda: CYLINDER.project_to_plane(),
-    "surface": lambda: Mesh.of((TORUS.vertices, TORUS.faces), "surface"),
+    "surface": lambda: Mesh.of((TORUS_MESH.vertices, TORUS_MESH.faces), "surface"),
 }
 
 
-@pytest.fixture(params=SHAPES)
+@pytest.fixture(params=SHAPE_BUILDERS)
 def shape(request):
-    return SHAPES[request.param]()
+    return SHAPE_BUILDERS[request.param]()
 
 
 def grid_around(shape, spacing=0.09):
@@ -50,17 +50,17 @@ def grid_around(shape, spacing=0.09):
     return Grid(lower, spacing, tuple((np.ceil((upper - lower) / spacing) + 3).astype(int).tolist()))
 
 
-def points_of(shape, rng, count=2000):
-    """Draw random points of the boundary."""
+def draw_boundary_points(shape, rng, count=2000):
+    """Draw points of the boundary."""
     simplices, radii = shape.outer.boundary()
     which = rng.integers(len(simplices), size=count)
     weights = rng.dirichlet(np.ones(simplices.shape[1]), count)
-    way = rng.normal(size=(count, shape.dim))
-    way *= (radii[which] / np.linalg.norm(way, axis=1))[:, None]
-    return np.einsum("nk,nkd->nd", weights, simplices[which]) + way
+    direction = rng.normal(size=(count, shape.dim))
+    direction *= (radii[which] / np.linalg.norm(direction, axis=1))[:, None]
+    return np.einsum("nk,nkd->nd", weights, simplices[which]) + direction
 
 
-def test_a_spec_makes_the_same_shape_again(shape):
+def test_a_spec_restores_the_shape(shape):
     again = shape_from_spec(json.loads(json.dumps(shape.spec)))
     assert type(again) is type(shape)
     assert again.spec == shape.spec
@@ -70,16 +70,15 @@ def test_a_spec_makes_the_same_shape_again(shape):
 
 
 def test_cells_agree_with_points(shape):
-    """Test cell centers and boundary points against the outer and inner shape."""
     grid, rng = grid_around(shape), np.random.default_rng(0)
     outer, inner = shape.cells(grid)
     middles = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
     assert not (inner & ~outer).any()
     assert shape.inner.contains(middles)[inner].all()
     assert not shape.outer.contains(middles)[~outer].any()
-    points = points_of(shape, rng)
+    points = draw_boundary_points(shape, rng)
     if shape.inner.encloses:
-        # What another part holds is no border of the whole.
+        # Boundary points of a part may lie inside another part.
         assert inner.any()
     assert outer[tuple(grid.cell_of(points).T)].all()
 
@@ -91,19 +90,18 @@ def test_rasters_agree_with_points(shape):
     assert not shape.outer.contains(spacing * lattice)[~outer.cells].any()
     if inner.count:
         assert shape.inner.contains(spacing * (np.argwhere(inner.cells) + inner.lower)).all()
-    points = points_of(shape, rng) / spacing
+    points = draw_boundary_points(shape, rng) / spacing
     for corner in np.ndindex((2,) * shape.dim):
         offsets = np.floor(points).astype(int) + corner - outer.lower
         assert outer.cells[tuple(offsets.T)].all()
 
 
-def test_the_outer_cells_are_those_of_the_raster_of_a_point_robot(shape):
-    """Compare a shape as an obstacle with the same shape as a robot at the origin's cell."""
+def test_the_raster_of_a_robot_equals_the_outer_cells_around_each_offset(shape):
     spacing = 0.11
     reach = int(np.ceil(max(np.abs(shape.outer.bounds).max() / spacing, 1))) + 2
     outer, _ = shape.cells(Grid((-reach * spacing,) * shape.dim, spacing, (2 * reach,) * shape.dim))
     robot, _ = shape.rasters(spacing)
-    # An offset m is in the raster where one of the 2^d cells around h m meets the shape.
+    # An offset m is in the raster if one of the 2^d cells around h m meets the shape.
     expected = np.zeros((2 * reach + 1,) * shape.dim, dtype=bool)
     for corner in np.ndindex((2,) * shape.dim):
         expected[tuple(slice(c, c + 2 * reach) for c in corner)] |= outer
@@ -115,7 +113,7 @@ def test_the_outer_cells_are_those_of_the_raster_of_a_point_robot(shape):
 
 def test_the_boundary_and_the_drawing_fill_the_bounds(shape):
     lower, upper = shape.outer.bounds
-    points = points_of(shape, np.random.default_rng(2))
+    points = draw_boundary_points(shape, np.random.default_rng(2))
     assert (points >= lower - 1e-9).all()
     assert (points <= upper + 1e-9).all()
     if shape.dim == 2:
@@ -158,7 +156,7 @@ def test_an_asymmetric_shape_equals_itself_only_unrotated(shape):
     ],
 )
 def test_quarter_turns_map_symmetric_solids_to_themselves(shape, axis, same):
-    """Include boxes, whose triangulation does not rotate with them although their solid does."""
+    # The triangulation of a box is not symmetric although its solid is.
     quarter = np.roll([[0, -1, 0], [1, 0, 0], [0, 0, 1]], axis - 2, axis=(0, 1)).astype(float)
     assert shape.is_same(quarter) is same
 

@@ -19,16 +19,16 @@ import cspace
 from cspace import store
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.limits import raised_limits
-from maps import SPACES, SUFFIXES, files, proven_paths, refused, same
+from maps import MAP_BUILDERS, MAP_SUFFIXES, files, proven_paths, refused, same
 from strategies import bitmaps, robots, rotation_cells
 from tests.soak.files import reseal
 
 YAWS = (-7.0, 0.0, 0.3, 3.1, 4.0)
 
 
-@pytest.fixture(scope="module", params=SPACES)
+@pytest.fixture(scope="module", params=MAP_BUILDERS)
 def space(request: pytest.FixtureRequest) -> cspace.CSpace:
-    return SPACES[request.param]()
+    return MAP_BUILDERS[request.param]()
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def few() -> cspace.CSpace:
 def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Save that map with each suffix."""
     folder = tmp_path_factory.mktemp("small")
-    for suffix in SUFFIXES:
+    for suffix in MAP_SUFFIXES:
         few.save(folder / f"map{suffix}")
     return folder
 
@@ -72,7 +72,7 @@ def built(draw: st.DrawFn) -> cspace.CSpace:
 # ---- what is saved is what opens ---------------------------------------------------------------------------------
 
 
-@given(space=built(), suffix=st.sampled_from(SUFFIXES))
+@given(space=built(), suffix=st.sampled_from(MAP_SUFFIXES))
 @settings(max_examples=15)
 def test_a_saved_map_opens_equal(space: cspace.CSpace, suffix: str) -> None:
     with TemporaryDirectory() as folder:
@@ -106,7 +106,7 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(
         np.testing.assert_array_equal(cspace.open_slice(path, turn), space.states_at(turn))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", MAP_SUFFIXES)
 def test_unknown_cells_are_saved(tmp_path: Path, suffix: str) -> None:
     cells = np.eye(9, dtype=bool)
     workspace = cspace.Workspace(cspace.Grid((0.0, 0.0), 0.1, (9, 9)), cells, cells, unknown=cells[::-1])
@@ -117,7 +117,7 @@ def test_unknown_cells_are_saved(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("inner", [True, False])
-@pytest.mark.parametrize("suffix", [*SUFFIXES, "tiles"])
+@pytest.mark.parametrize("suffix", [*MAP_SUFFIXES, "tiles"])
 def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool, suffix: str) -> None:
     """Include a map without BLOCKED cells, which does not reveal whether it was built with `inner`."""
     robot, cells = cspace.Robot.rectangle(0.5, 0.3), np.eye(12, 9, dtype=bool)
@@ -137,8 +137,8 @@ def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool
 
 
 def test_only_existing_arrays_are_stored(tmp_path: Path) -> None:
-    space = SPACES["grid"]()
-    for suffix in SUFFIXES:
+    space = MAP_BUILDERS["grid"]()
+    for suffix in MAP_SUFFIXES:
         space.save(tmp_path / f"map{suffix}")
         path = tmp_path / f"map{suffix}"
         held = [entry.name for entry in path.iterdir()]
@@ -158,7 +158,7 @@ def test_arrays_of_several_chunks_open_equal(
 
 
 def test_open_slice_reads_only_its_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    space = SPACES["turning"]()
+    space = MAP_BUILDERS["turning"]()
     monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
     space.save(tmp_path / "map")
     number = int(space.rotations.cell_of(1.5))
@@ -173,7 +173,7 @@ def test_open_slice_reads_only_its_chunks(tmp_path: Path, monkeypatch: pytest.Mo
     refused(tmp_path / "map", "is missing")
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", MAP_SUFFIXES)
 @pytest.mark.parametrize(
     ("yaw", "message"), [(np.nan, "is nan"), ([0.0, 1.0], "has shape"), ("east", "rotation is"), (1e9, "wrapped")]
 )
@@ -215,7 +215,7 @@ def test_any_changed_missing_or_extra_byte_is_refused(tmp_path: Path) -> None:
 def test_lost_and_swapped_chunks_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "map"
     monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
-    SPACES["turning"]().save(path)
+    MAP_BUILDERS["turning"]().save(path)
     one, two = (path / "cell_states" / "c" / number / "0" / "0" for number in "01")
     contents = one.read_bytes(), two.read_bytes()
     one.write_bytes(contents[1])
@@ -330,7 +330,7 @@ def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
 def test_an_interrupted_save_leaves_no_half_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop: type[BaseException], old: bool
 ) -> None:
-    path, space, earlier = tmp_path / "map", pair(), SPACES["grid"]()
+    path, space, earlier = tmp_path / "map", pair(), MAP_BUILDERS["grid"]()
     space.save(path)
     number = len(list(files(path)))
     shutil.rmtree(path)
@@ -371,13 +371,13 @@ def test_an_interrupted_archive_leaves_no_half_file(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", MAP_SUFFIXES)
 def test_a_saved_map_is_kept_without_overwrite(tmp_path: Path, small: Path, suffix: str) -> None:
     path, space = tmp_path / f"map{suffix}", cspace.open(small / "map.zarr")
-    SPACES["grid"]().save(path)
+    MAP_BUILDERS["grid"]().save(path)
     with pytest.raises(FileError, match="overwrite=True"):
         space.save(path)
-    same(SPACES["grid"](), cspace.open(path))
+    same(MAP_BUILDERS["grid"](), cspace.open(path))
     space.save(path, overwrite=True)
     same(space, cspace.open(path))
 
@@ -497,7 +497,7 @@ def test_an_unfinished_map_opens_only_in_its_store(tmp_path: Path, few: cspace.C
 
 
 def test_a_map_with_overlap_counts_opens_only_in_memory(tmp_path: Path) -> None:
-    SPACES["plane"]().save(tmp_path / "m")
+    MAP_BUILDERS["plane"]().save(tmp_path / "m")
     with pytest.raises(ConfigurationError, match=r"overlap counts.*in_memory=True"):
         cspace.open(tmp_path / "m", in_memory=False)
 

@@ -1,4 +1,4 @@
-"""Tiled builds equal the map in memory cell for cell, for any tile size and after interruptions."""
+"""Tiled builds: equality with the map in memory, interruptions and refusals."""
 
 import multiprocessing
 import os
@@ -16,20 +16,11 @@ from hypothesis import strategies as st
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.store import Store
-
-CAR = cspace.Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
-ARM = cspace.Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
-SPACES = {
-    "plane": ((40, 33), cspace.Robot.disc(0.3), None),
-    "space": ((14, 16, 18), cspace.Robot.ball(0.2), None),
-    "yaw": ((40, 33), CAR, 8),
-    "space yaw": ((14, 16, 18), ARM, 6),
-    "quaternions": ((11, 9, 10), ARM, cspace.Rotations.quaternions(1)),
-}
+from laws.any_map import CAR, MAP_INPUTS
 
 
 def random_workspace(shape, seed=0, two=False):
-    """Build a workspace of sparse random obstacles; with ``two``, some of them fill no cell."""
+    """Build sparse random obstacles; with ``two``, inner and outer cells differ."""
     rng = np.random.default_rng(seed)
     outer = rng.random(shape) < (0.01 if len(shape) == 2 else 0.003)
     inner = outer & (rng.random(shape) < 0.5) if two else None
@@ -41,18 +32,19 @@ def stored_states(path):
     return zarr.open_group(str(path), mode="r")["cell_states"][...]
 
 
-def same_states(path, space):
+def check_states(path, space):
+    """Fail unless a store has the states of a map in memory."""
     np.testing.assert_array_equal(stored_states(path).reshape(space._kernel_map.states.shape), space._kernel_map.states)
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", MAP_INPUTS)
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_tiled_build_equals_the_map_in_memory(name, outside, tmp_path):
-    shape, robot, rotations = SPACES[name]
+    shape, robot, rotations = MAP_INPUTS[name]
     workspace = random_workspace(shape, two=outside == "free")
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=7)
-    same_states(tmp_path / "m", space)
+    check_states(tmp_path / "m", space)
     assert tiled.count() == space.count()
     assert tiled.progress == 1.0
     group = zarr.open_group(str(tmp_path / "m"), mode="r")
@@ -75,7 +67,7 @@ def test_tiled_build_equals_the_map_in_memory_for_any_tile_and_method(seed, tile
     }
     store = tmp_path_factory.mktemp("any") / "m.zarr"
     cspace.build(workspace, CAR, store=store, tile=tile, **options)
-    same_states(store, cspace.build(workspace, CAR, **options))
+    check_states(store, cspace.build(workspace, CAR, **options))
 
 
 def test_tiled_build_of_a_real_map_keeps_unknown_cells(data, tmp_path):
@@ -84,23 +76,23 @@ def test_tiled_build_of_a_real_map_keeps_unknown_cells(data, tmp_path):
         workspace = cspace.Workspace.from_ros_map(file, unknown=unknown)
         robot = cspace.Robot.disc(4.0 * workspace.grid.spacing)
         cspace.build(workspace, robot, store=tmp_path / unknown, tile=300)
-        same_states(tmp_path / unknown, cspace.build(workspace, robot))
+        check_states(tmp_path / unknown, cspace.build(workspace, robot))
 
 
 # ---- faults ----------------------------------------------------------------------------------------------------------
 
 
-def check_half_done(path, space, known=()):
-    """Fail unless all finished tiles that are not in ``known`` are correct; return the finished tiles."""
+def check_finished_tiles(path, space, known=()):
+    """Check the finished tiles except ``known``; return all finished tiles."""
     store = Store.open(path)
     for index in set(store.done()) - set(known):
         record = store.known(index)
         for layer in range(store.layers):
             states = store.states(index, layer, record)
             cells = store.cells(index)
-            own = tuple(slice(0, part.stop - part.start) for part in cells)
+            inside = tuple(slice(0, part.stop - part.start) for part in cells)
             for k, number in enumerate(store.numbers(layer)):
-                np.testing.assert_array_equal(states[(k, *own)], space._kernel_map.states[(number, *cells)])
+                np.testing.assert_array_equal(states[(k, *inside)], space._kernel_map.states[(number, *cells)])
     return set(store.done())
 
 
@@ -110,7 +102,6 @@ def build_in_a_child(workspace, robot, path):
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_killed_builds_resume_without_rebuilding_tiles(tmp_path):
-    """Kill a build at random moments; repeating the call builds only the missing tiles."""
     workspace = random_workspace((900, 800))
     space = cspace.build(workspace, CAR, rotations=8)
     rng, path, kills, done, longest = np.random.default_rng(0), tmp_path / "m", 0, set(), 0.08
@@ -123,14 +114,14 @@ def test_killed_builds_resume_without_rebuilding_tiles(tmp_path):
         os.kill(child.pid, signal.SIGKILL)
         child.join()
         kills += 1
-        longest = min(1.5 * longest, 0.4)  # on a slow machine; below, where something was done
+        longest = min(1.5 * longest, 0.4)  # grows on a slow machine until a tile is finished
         if not path.exists():
             continue
         tiled = cspace.open(path)
         if tiled.progress < 1.0:
             with pytest.raises(FileError, match="done"):
                 tiled.classify([0.0, 0.0, 0.0])
-        now = check_half_done(path, space, done)
+        now = check_finished_tiles(path, space, done)
         assert done <= now
         longest *= 0.5 if len(now) > len(done) else 1.0
         done = now
@@ -140,7 +131,7 @@ def test_killed_builds_resume_without_rebuilding_tiles(tmp_path):
     assert done
     steps = []
     cspace.build(workspace, CAR, rotations=8, store=path, tile=64, progress=lambda *step: steps.append(step))
-    same_states(path, space)
+    check_states(path, space)
     for index, written in times.items():
         file = path / "record" / "c" / "/".join(map(str, (*index, 0)))
         assert file.stat().st_mtime_ns == written
@@ -163,13 +154,13 @@ def test_build_resumes_after_a_full_disk(tmp_path, monkeypatch):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
     monkeypatch.undo()
     space = cspace.build(workspace, CAR)
-    check_half_done(tmp_path / "m", space)
+    check_finished_tiles(tmp_path / "m", space)
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
-    same_states(tmp_path / "m", space)
+    check_states(tmp_path / "m", space)
 
 
-# ---- bad input -------------------------------------------------------------------------------------------------------
+# ---- refusals --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("tile", [0, -3, 2.5, "9", (4, 4, 4), None, (3, 0)])
@@ -191,12 +182,8 @@ def test_build_rejects_stores_of_other_maps(tmp_path):
         with pytest.raises(FileError, match="holds another map"):
             cspace.build(workspace, CAR, store=tmp_path / "m", **{"tile": 4, **other})
     with pytest.raises(FileError, match="built on other obstacles"):
-        cspace.build(
-            random_workspace((9, 9), 1).__class__.from_array(~workspace.outer, 0.1, workspace.grid.lower),
-            CAR,
-            store=tmp_path / "m",
-            tile=4,
-        )
+        inverted = cspace.Workspace.from_array(~workspace.outer, 0.1, workspace.grid.lower)
+        cspace.build(inverted, CAR, store=tmp_path / "m", tile=4)
     cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 1.0, 3.0, 2 * np.pi])
     with pytest.raises(FileError, match="another map: rotations"):
         cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 2.0, 3.0, 2 * np.pi])

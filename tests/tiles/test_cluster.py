@@ -1,4 +1,4 @@
-"""Tiled builds on the workers of a cluster, some of which are killed."""
+"""Tiled builds on the workers of a cluster."""
 
 import json
 import os
@@ -18,7 +18,8 @@ import zarr
 import cspace
 from commands import run
 from cspace.errors import CspaceError, InputError
-from tiles.test_build import CAR, check_half_done, random_workspace, same_states
+from laws.any_map import CAR
+from tiles.test_build import check_finished_tiles, check_states, random_workspace
 from waiting import until
 
 dask = pytest.importorskip("dask")
@@ -31,7 +32,7 @@ pytestmark = [
 ]
 
 
-FORKS = """
+FORK_SERVER = """
 import json, os, signal, sys
 import numba, scipy, shapely, zarr
 from distributed.cli import dask_scheduler, dask_worker
@@ -74,14 +75,14 @@ class Live:
     def __init__(self, folder):
         self.folder, self.processes = folder, []
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        self.forks = subprocess.Popen([sys.executable, "-c", FORKS], cwd="/", text=True, **pipes)
+        self.forks = subprocess.Popen([sys.executable, "-c", FORK_SERVER], cwd="/", text=True, **pipes)
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(folder / "scheduler"))
         while not (folder / "scheduler").exists():
             time.sleep(0.05)
         self.address = json.loads((folder / "scheduler").read_text())["address"]
 
     def start(self, name, *options, code=ROOT):
-        """Start a scheduler or a worker in the root folder, with a folder of code."""
+        """Start a scheduler or a worker with the folder of its code."""
         request = [name, [*options, "--no-dashboard"], str(code), str(self.folder / "log")]
         print(json.dumps(request), file=self.forks.stdin, flush=True)
         self.processes.append(Process(int(self.forks.stdout.readline())))
@@ -110,7 +111,7 @@ def live(tmp_path_factory):
     ("code", "version"), [('__version__ = "0.0.9"', r"0\.0\.9"), ("raise ImportError", "none")], ids=["older", "none"]
 )
 def test_workers_with_another_version_are_rejected(live, code, version, tmp_path):
-    """Present workers are rejected before any work, later ones when they get a tile."""
+    # Present workers are rejected before any work, later workers when they get a tile.
     (tmp_path / "cspace").mkdir()
     (tmp_path / "cspace" / "__init__.py").write_text(code)
     workspace = random_workspace((90, 90))
@@ -122,7 +123,7 @@ def test_workers_with_another_version_are_rejected(live, code, version, tmp_path
         with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match=message):
             patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
             cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
-        assert client.scheduler_info()["workers"]  # the worker survived what it was sent
+        assert client.scheduler_info()["workers"]  # the worker survived its task
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("cspace.tiles.work.WORKER_TIMEOUT_SECONDS", 0.5)
             patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
@@ -133,7 +134,7 @@ def test_workers_with_another_version_are_rejected(live, code, version, tmp_path
 
 
 def press_control_c(command, cwd, text):
-    """Run a command on a terminal, interrupt it once it prints ``text``, return its output and exit code."""
+    """Interrupt a command on a terminal once it prints ``text``; return output and exit code."""
     process, terminal = pytest.importorskip("pty").fork()
     if process == 0:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # shells make background processes ignore it
@@ -148,7 +149,7 @@ def press_control_c(command, cwd, text):
     return seen, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
 
 
-WAITS = """
+SLOW_WORKER = """
 import pathlib, time
 import cspace.tiles.work as work
 
@@ -166,14 +167,17 @@ def dask_setup(worker):
 
     work.perform_task = wait
 """
-"""Preload of a worker: build 20 tiles slowly, then wait for a file, so that the interrupt comes before the end."""
+"""Preload of a worker: build 20 tiles slowly, then wait for a file.
+
+Therefore the interrupt comes before the last tile.
+"""
 
 
 def test_command_resumes_an_interrupted_build_on_a_cluster(live, tmp_path, monkeypatch):
-    """The command shows a progress bar, and runs in another folder than the workers."""
+    # The command runs in another folder than the workers.
     workspace = random_workspace((300, 250))
     zarr.create_array(tmp_path / "site.zarr", data=workspace.outer, config={"write_empty_chunks": True})
-    (tmp_path / "waits.py").write_text(WAITS.format(str(tmp_path / "go on")))
+    (tmp_path / "waits.py").write_text(SLOW_WORKER.format(str(tmp_path / "go on")))
     live.worker("--preload", str(tmp_path / "waits.py"))
     command = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
     command += ["--scheduler", live.address, "-o", "m.zarr"]
@@ -188,32 +192,24 @@ def test_command_resumes_an_interrupted_build_on_a_cluster(live, tmp_path, monke
         result = run(*command)
     assert result.exit_code == 0
     robot, cells = cspace.Robot.rectangle(0.5, 0.2), cspace.Workspace.from_array(workspace.outer, 0.1)
-    same_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))
+    check_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))
 
 
 def test_cluster_build_equals_the_map_in_memory(live, tmp_path):
     workspace, steps = random_workspace((200, 150)), []
     live.worker()
     with live.client(2) as client:
-        cspace.build(
-            workspace,
-            CAR,
-            rotations=6,
-            store=tmp_path / "m",
-            tile=40,
-            client=client,
-            progress=lambda *s: steps.append(s),
-        )
+        options = {"client": client, "tile": 40, "progress": lambda *step: steps.append(step)}
+        cspace.build(workspace, CAR, rotations=6, store=tmp_path / "m", **options)
         np.save(tmp_path / "a.npy", workspace.outer)
         lazy = cspace.Workspace.from_array(np.load(tmp_path / "a.npy", mmap_mode="r"), 0.1)
         cspace.build(lazy, CAR, store=tmp_path / "lazy", tile=40, client=client)
-    same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=6))
+    check_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=6))
     assert steps[-1] == (20, 20)
-    same_states(tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR))
+    check_states(tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR))
 
 
 def test_remaining_workers_finish_the_build(live, tmp_path):
-    """The remaining workers build the tiles of a killed worker."""
     workspace = random_workspace((300, 250))
 
     def kill(done, total):
@@ -223,7 +219,7 @@ def test_remaining_workers_finish_the_build(live, tmp_path):
     with live.client(2) as client:
         cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=25, client=client, progress=kill)
         assert len(client.scheduler_info()["workers"]) == 1
-    same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
+    check_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
 
 
 def test_tile_that_exceeds_the_memory_of_a_worker_is_rejected(live, tmp_path, monkeypatch):
@@ -233,7 +229,7 @@ def test_tile_that_exceeds_the_memory_of_a_worker_is_rejected(live, tmp_path, mo
 
 
 def test_build_resumes_after_the_scheduler_is_killed(live, tmp_path):
-    """A lost cluster raises one clear error; the next call builds the rest without it."""
+    # The next call builds the rest without the cluster.
     workspace = random_workspace((300, 250))
 
     def kill(done, total):
@@ -247,6 +243,6 @@ def test_build_resumes_after_the_scheduler_is_killed(live, tmp_path):
         client.close()
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     space = cspace.build(workspace, CAR, rotations=8)
-    check_half_done(tmp_path / "m", space)
+    check_finished_tiles(tmp_path / "m", space)
     cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30)
-    same_states(tmp_path / "m", space)
+    check_states(tmp_path / "m", space)

@@ -1,4 +1,4 @@
-"""Sources of tiled builds: arrays read from files tile by tile, and shapes found by an index."""
+"""Sources of tiled builds: lazy arrays and indexed shapes."""
 
 import os
 import pickle
@@ -14,17 +14,20 @@ from hypothesis import strategies as st
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.raster.surfaces import Buckets
-from tiles.test_build import ARM, CAR, random_workspace, same_states
+from laws.any_map import CAR, CRATE
+from tiles.test_build import check_states, random_workspace
 
-FILLED = {"write_empty_chunks": True}
+WRITE_EMPTY_CHUNKS = {"write_empty_chunks": True}
 
 
 def lazy_arrays(cells, folder):
-    """Return the same cells as every kind of lazy array."""
+    """Return cells as every kind of lazy array."""
     da, xarray = pytest.importorskip("dask.array"), pytest.importorskip("xarray")
     np.save(folder / "a.npy", cells)
     mapped = np.load(folder / "a.npy", mmap_mode="r")
-    stored = zarr.create_array(str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10), config=FILLED)
+    stored = zarr.create_array(
+        str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10), config=WRITE_EMPTY_CHUNKS
+    )
     lazily = da.from_array(cells, chunks=(13, 7))
     return {
         "memmap": mapped,
@@ -45,7 +48,7 @@ def in_hdf5(cells, path):
 
 
 def in_geotiff(cells, path):
-    """Write cells as a GeoTIFF, with rows from the north, and open it lazily."""
+    """Write cells as a GeoTIFF with rows from the north; open it lazily."""
     rasterio, rioxarray = pytest.importorskip("rasterio"), pytest.importorskip("rioxarray")
     about = {"width": cells.shape[0], "height": cells.shape[1], "count": 1, "dtype": "uint8", "crs": "EPSG:32633"}
     north_west = rasterio.Affine(0.1, 0.0, 0.0, 0.0, -0.1, 0.1 * cells.shape[1])
@@ -60,8 +63,8 @@ def read_in_parts(workspace):
     """Fail if all cells of a workspace are read together."""
     source, read = type(workspace.cells), type(workspace.cells).read
 
-    def read_part(own, box):
-        cells = read(own, box)
+    def read_part(cells_of_workspace, box):
+        cells = read(cells_of_workspace, box)
         assert cells[0].shape != workspace.grid.shape
         return cells
 
@@ -77,12 +80,12 @@ def test_arrays_are_read_tile_by_tile(tmp_path):
         workspace = cspace.Workspace.from_array(array, 0.1)
         assert isinstance(workspace, cspace.workspace.LazyWorkspace), name
         assert "read at need" in repr(workspace)
-        workspace = pickle.loads(pickle.dumps(workspace))  # as a worker gets it
+        workspace = pickle.loads(pickle.dumps(workspace))  # as sent to a worker
         with read_in_parts(workspace):
             cspace.build(workspace, CAR, store=tmp_path / f"{name}.map", tile=16)
-        own = cells if name != "view" else np.ascontiguousarray(cells.T[::-1].T[:, ::-1])
-        same_states(tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(own, 0.1), CAR))
-        np.testing.assert_array_equal(workspace.outer, own)
+        expected = cells if name != "view" else np.ascontiguousarray(cells.T[::-1].T[:, ::-1])
+        check_states(tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(expected, 0.1), CAR))
+        np.testing.assert_array_equal(workspace.outer, expected)
 
 
 def test_shapes_are_rasterized_tile_by_tile(tmp_path):
@@ -95,19 +98,19 @@ def test_shapes_are_rasterized_tile_by_tile(tmp_path):
     lazy = cspace.Workspace.from_polygons(boxes, 0.1, bounds, lazy=True)
     with read_in_parts(lazy):
         cspace.build(lazy, CAR, store=tmp_path / "a", tile=9)
-    same_states(tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR))
+    check_states(tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR))
     trimesh = pytest.importorskip("trimesh")
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.7)
     lazy = cspace.Workspace.from_mesh(ball, 0.1, lazy=True)
     with read_in_parts(lazy):
-        cspace.build(lazy, ARM, store=tmp_path / "b", tile=4)
-    same_states(tmp_path / "b", cspace.build(cspace.Workspace.from_mesh(ball, 0.1), ARM))
+        cspace.build(lazy, CRATE, store=tmp_path / "b", tile=4)
+    check_states(tmp_path / "b", cspace.build(cspace.Workspace.from_mesh(ball, 0.1), CRATE))
 
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**16), spacing=st.sampled_from([0.05, 0.07, 1 / 3]), tile=st.integers(3, 40))
 def test_aligned_shapes_give_the_same_cells_in_every_tile(seed, spacing, tile, tmp_path_factory):
-    """Rounding of a tile's lower corner changes no cell."""
+    # Rounding of a tile's lower corner changes no cell.
     rng = np.random.default_rng(seed)
     shape = rng.integers(8, 40, 2)
     lower = spacing * rng.integers(-1000, 1000, 2)
@@ -120,7 +123,7 @@ def test_aligned_shapes_give_the_same_cells_in_every_tile(seed, spacing, tile, t
     path = tmp_path_factory.mktemp("aligned") / "m"
     robot = cspace.Robot.disc(1.3 * spacing)
     cspace.build(lazy, robot, store=path, tile=tile)
-    same_states(path, cspace.build(whole, robot))
+    check_states(path, cspace.build(whole, robot))
     group = zarr.open_group(str(path), mode="r")
     np.testing.assert_array_equal(group["outer"][...], whole.outer)
     np.testing.assert_array_equal(group["inner"][...], whole.inner)
@@ -174,7 +177,6 @@ def balls_in_space(rng):
 @pytest.mark.filterwarnings("ignore::cspace.shapes.MeshWarning")
 @pytest.mark.parametrize("make", [boxes_in_the_plane, balls_in_space])
 def test_parts_of_a_source_equal_the_whole(make):
-    """Every part has the cells of the whole, with or without an index."""
     rng = np.random.default_rng(0)
     workspace = make(rng)
     shape = np.array(workspace.grid.shape)
@@ -185,12 +187,11 @@ def test_parts_of_a_source_equal_the_whole(make):
             slice(low, high)
             for low, high in zip(first, np.minimum(first + rng.integers(1, 16, len(shape)), shape), strict=True)
         )
-        for own, all_of_it in zip(workspace.cells.read(box), whole, strict=True):
-            np.testing.assert_array_equal(own, all_of_it[box])
+        for part, cells in zip(workspace.cells.read(box), whole, strict=True):
+            np.testing.assert_array_equal(part, cells[box])
 
 
-def test_index_finds_all_triangles_near_a_box():
-    """The index returns few triangles, and all that meet the box."""
+def test_index_finds_all_triangles_near_a_box_and_few_others():
     rng = np.random.default_rng(1)
     triangles = rng.uniform(0, 50, (3000, 1, 3)) + rng.normal(size=(3000, 3, 3)) * rng.choice([0.1, 5.0], (3000, 1, 1))
     index = Buckets.of(triangles)

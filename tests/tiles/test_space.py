@@ -1,4 +1,4 @@
-"""Queries on stored maps equal those on the same map in memory."""
+"""Queries of tiled maps: equality with the map in memory, caches and refusals."""
 
 import itertools
 import pickle
@@ -16,47 +16,36 @@ from cspace.store import Store
 from cspace.tiles.cache import ChunkCache
 from cspace.tiles.space import ONLY_IN_MEMORY
 from handmade import fill_boxes
-from tiles.test_build import SPACES, random_workspace
+from laws.any_map import MAP_INPUTS
+from placements import draw_configurations
+from tiles.test_build import random_workspace
 
 
-def pair(name, folder, outside="blocked", tile=7, seed=0):
+def build_both(name, folder, outside="blocked", tile=7, seed=0, two=False):
     """Build a map in memory and the same map in a store."""
-    shape, robot, rotations = SPACES[name]
-    workspace, options = random_workspace(shape, seed), {"rotations": rotations, "outside": outside}
+    shape, robot, rotations = MAP_INPUTS[name]
+    workspace, options = random_workspace(shape, seed, two), {"rotations": rotations, "outside": outside}
     space = cspace.build(workspace, robot, **options)
     return space, cspace.build(workspace, robot, store=folder / "m.zarr", tile=tile, **options)
 
 
-def configurations(space, n, rng):
-    """Draw configurations in and around a grid, half of them on cell boundaries."""
-    grid = space.grid
-    position = rng.uniform(np.array(grid.lower) - 1.0, np.array(grid.upper) + 1.0, (n, grid.dim))
-    position[: n // 2] = np.array(grid.lower) + grid.spacing * np.round(
-        (position[: n // 2] - grid.lower) / grid.spacing
-    )
-    turn = rng.normal(size=(n, space.size - grid.dim)) * 3.0
-    if turn.shape[1] == 4:
-        turn /= np.linalg.norm(turn, axis=1)[:, None]
-    return np.hstack([position, turn])
-
-
 def test_queries_with_any_cache_size_equal_the_map_in_memory(tmp_path):
-    space, tiled = pair("space yaw", tmp_path, "free")
+    space, tiled = build_both("yaw in space", tmp_path, "free")
     rng = np.random.default_rng(1)
-    q = configurations(space, 3000, rng)
+    q = draw_configurations(space, rng, 3000)
     near = q + rng.normal(size=q.shape) * rng.choice([0.1, 0.5, 3.0], (len(q), 1))
     assert 0.002 < space.motion_is_free(q, near).mean() < 0.99
-    for limit in (1, 400, 2**29):  # one tile at a time, a few, all
+    for limit in (1, 400, 2**29):  # holds one tile, a few tiles or all tiles
         tiled = cspace.TiledCSpace.open(tiled.path, cache_bytes=limit)
         np.testing.assert_array_equal(tiled.classify(q), space.classify(q))
         np.testing.assert_array_equal(tiled.motion_is_free(q, near), space.motion_is_free(q, near))
     assert (type(tiled.is_free(q[0])), type(tiled.classify(q[0]))) == (bool, int)
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", MAP_INPUTS)
 def test_clearance_equals_the_map_in_memory_up_to_its_maximum(name, tmp_path, monkeypatch):
-    space, tiled = pair(name, tmp_path, "free")
-    q = configurations(space, 60, np.random.default_rng(2))
+    space, tiled = build_both(name, tmp_path, "free")
+    q = draw_configurations(space, np.random.default_rng(2), 60)
     monkeypatch.setattr("cspace.tiles.space.WINDOW_CELLS", {2: 48, 3: 48})
     expected = np.minimum(space.clearance(q), 3 * space.grid.spacing)
     np.testing.assert_allclose(tiled.clearance(q), expected, atol=1e-12)
@@ -73,9 +62,9 @@ def test_cache_stays_within_its_memory_limit(limit):
         assert cache.cells.packed.nbytes <= max(limit, 13) and cache.cells.places[number] >= 0
 
 
-@pytest.mark.parametrize("name", ["plane", "yaw", "space yaw"])
+@pytest.mark.parametrize("name", ["plane", "yaw", "yaw in space"])
 def test_slice_rotations_match_slice_of(name, tmp_path):
-    space, tiled = pair(name, tmp_path)
+    space, tiled = build_both(name, tmp_path)
     for each in (space, tiled, pickle.loads(pickle.dumps(space))):
         assert each.slice_rotations.shape == (each.slice_of.max() + 1, space.size - space.grid.dim)
         full = np.hstack([np.zeros((len(each.slice_rotations), space.grid.dim)), each.slice_rotations])
@@ -84,9 +73,9 @@ def test_slice_rotations_match_slice_of(name, tmp_path):
             each.slice_of[0] = 7
 
 
-def test_batches_in_pieces_equal_whole_batches(tmp_path, monkeypatch):
-    space, tiled = pair("yaw", tmp_path)
-    q = configurations(space, 3000, np.random.default_rng(1))
+def test_batches_split_into_pieces_equal_whole_batches(tmp_path, monkeypatch):
+    space, tiled = build_both("yaw", tmp_path)
+    q = draw_configurations(space, np.random.default_rng(1), 3000)
     edges = np.random.default_rng(2).integers(0, 3000, (2000, 2))
     whole = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
     monkeypatch.setattr(cspace.tiles.cache, "ROWS_PER_PIECE", 77)
@@ -100,9 +89,9 @@ def test_batches_in_pieces_equal_whole_batches(tmp_path, monkeypatch):
 
 
 def test_large_roadmaps_are_copied_in_pieces(tmp_path):
-    """The endpoints of two million edges take 96 MB, and a copy as much again."""
-    space, tiled = pair("yaw", tmp_path)
-    vertices = configurations(space, 200, np.random.default_rng(1))
+    # The endpoints of two million edges take 96 MB, and a copy takes another 96 MB.
+    space, tiled = build_both("yaw", tmp_path)
+    vertices = draw_configurations(space, np.random.default_rng(1), 200)
     edges = np.random.default_rng(2).integers(0, 200, (2_000_000, 2))
     tiled.certify_path(vertices, edges[:10])
     tracemalloc.start()
@@ -124,11 +113,11 @@ def test_edge_queries_read_only_the_tiles_they_cross(tmp_path, monkeypatch):
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
     read.clear()
     assert not tiled.motion_is_free([0.5, 0.5], [9.5, 0.5])
-    assert len(read) == 2  # it stops at the wall
+    assert len(read) == 2  # the query stops at the wall
 
 
 def test_opened_map_keeps_its_properties_and_refuses_exact_queries(tmp_path):
-    space, _ = pair("yaw", tmp_path)
+    space, _ = build_both("yaw", tmp_path)
     opened = cspace.open(tmp_path / "m.zarr")
     for each in (opened, pickle.loads(pickle.dumps(opened))):
         assert (each.grid, each.axes, each.outside, each.size) == (space.grid, space.axes, space.outside, space.size)
@@ -148,7 +137,7 @@ def test_opened_map_keeps_its_properties_and_refuses_exact_queries(tmp_path):
 
 
 def test_methods_of_maps_in_memory_are_refused_and_documented(tmp_path):
-    _, tiled = pair("yaw", tmp_path)
+    _, tiled = build_both("yaw", tmp_path)
     listed = {name: hint for names, hint in ONLY_IN_MEMORY.items() for name in names.split()}
     public = {name for name in dir(cspace.CSpace) if not name.startswith("_")}
     assert public - {name for name in dir(tiled) if hasattr(type(tiled), name)} == listed.keys()
@@ -160,8 +149,7 @@ def test_methods_of_maps_in_memory_are_refused_and_documented(tmp_path):
     assert not [name for name in listed if f"`{name}`" not in page]
 
 
-def test_tile_subproblems_join_to_a_certified_path(tmp_path):
-    """Paths through the tiles' maps in memory join; `nearest_free` equals the map in memory."""
+def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
     walls = np.zeros((60, 40), dtype=bool)
     walls[30:32, 7:] = True
     workspace = cspace.Workspace.from_array(walls, 0.1)
@@ -185,7 +173,7 @@ def test_tile_subproblems_join_to_a_certified_path(tmp_path):
 
 
 def test_queries_reject_invalid_configurations(tmp_path):
-    _, tiled = pair("yaw", tmp_path)
+    _, tiled = build_both("yaw", tmp_path)
     look_ups = tiled.classify, tiled.is_free, lambda q: tiled.motion_is_free(q, q), lambda q: tiled.certify_path([q, q])
     for q, look_up in itertools.product(([np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]]), look_ups):
         with pytest.raises(InputError):
@@ -194,7 +182,7 @@ def test_queries_reject_invalid_configurations(tmp_path):
 
 @pytest.mark.parametrize("name", ["cell_states", "record", "zarr.json", "slice_of"])
 def test_damaged_files_raise(name, tmp_path):
-    space, _ = pair("yaw", tmp_path)
+    space, _ = build_both("yaw", tmp_path)
     file = tmp_path / "m.zarr" / name
     file = (
         file
@@ -206,15 +194,15 @@ def test_damaged_files_raise(name, tmp_path):
     file.write_bytes(content)
     with pytest.raises(FileError, match="usable map"):
         opened = cspace.open(tmp_path / "m.zarr")
-        opened.classify(configurations(space, 500, np.random.default_rng(0)))
+        opened.classify(draw_configurations(space, np.random.default_rng(0), 500))
     file.unlink()
     with pytest.raises(FileError):
         opened = cspace.open(tmp_path / "m.zarr")
-        opened.classify(configurations(space, 500, np.random.default_rng(0)))
+        opened.classify(draw_configurations(space, np.random.default_rng(0), 500))
 
 
 def test_swapped_chunks_raise(tmp_path):
-    space, tiled = pair("plane", tmp_path)
+    space, tiled = build_both("plane", tmp_path)
     first, last = (tmp_path / "m.zarr" / "cell_states" / "c" / "0" / part for part in ("0/0", "3/2"))
     one, two = first.read_bytes(), last.read_bytes()
     assert one != two
@@ -224,9 +212,9 @@ def test_swapped_chunks_raise(tmp_path):
 
 
 def test_concurrent_queries_equal_serial_ones(tmp_path):
-    space, _ = pair("plane", tmp_path)
+    space, _ = build_both("plane", tmp_path)
     tiled = cspace.TiledCSpace.open(tmp_path / "m.zarr", cache_bytes=60)
-    q = configurations(space, 400, np.random.default_rng(0))
+    q = draw_configurations(space, np.random.default_rng(0), 400)
     expected, wrong = space.classify(q), []
 
     def ask(k):

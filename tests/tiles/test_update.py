@@ -1,4 +1,4 @@
-"""Updates of stored maps equal new builds and are atomic."""
+"""Updates of tiled maps: equality with new builds, atomicity and refusals."""
 
 import multiprocessing
 import os
@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import InputError
-from tiles.test_build import CAR, random_workspace, same_states
+from laws.any_map import CAR
+from tiles.test_build import check_states, random_workspace
 
 
 @settings(max_examples=4)
@@ -32,7 +33,7 @@ def test_update_equals_a_new_build(seed, outside, two, tmp_path_factory):
         assert (ours.occupied, ours.changed) == (theirs.occupied, theirs.changed)
         if ours.occupied:
             assert (ours.lower, ours.upper) == (theirs.lower, theirs.upper)
-        same_states(path, space)
+        check_states(path, space)
         assert tiled.count() == space.count()
         assert tiled.version <= version
     assert not list(path.glob(".cspace-*"))
@@ -49,7 +50,7 @@ def test_update_writes_only_affected_tiles(tmp_path):
 
 
 def test_readers_see_the_map_before_or_after_an_update(tmp_path):
-    """While a wall appears and disappears, every batch over many tiles sees one version."""
+    # A wall appears and disappears; every batch over many tiles sees one version.
     workspace = cspace.Workspace.from_array(np.zeros((120, 120), dtype=bool), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=24)
     wall = np.ones((120, 3), dtype=bool)
@@ -100,7 +101,7 @@ def test_killed_update_leaves_the_old_or_the_new_map(tmp_path):
         assert any(np.array_equal(states, each) for each in answers)
         np.testing.assert_array_equal(cspace.open(tmp_path / "m").classify(q), states)
     tiled.update(np.ones((60, 60), bool), (20, 30))
-    same_states(tmp_path / "m", after)
+    check_states(tmp_path / "m", after)
 
 
 def test_update_rejects_invalid_arguments(tmp_path):

@@ -1,4 +1,4 @@
-"""Windows of a stored map agree with the whole map within their box."""
+"""Windows and overviews of tiled maps."""
 
 import numpy as np
 import pytest
@@ -7,20 +7,12 @@ import trimesh
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
-from tiles.test_build import CAR, SPACES, random_workspace
+from laws.any_map import CAR
+from tiles.test_space import build_both
 
 
-def build_both(name, outside, folder):
-    shape, robot, rotations = SPACES[name]
-    workspace = random_workspace(shape, 3, two=outside == "free")
-    options = {"rotations": rotations, "outside": outside}
-    return cspace.build(workspace, robot, **options), cspace.build(
-        workspace, robot, store=folder / "m", tile=9, **options
-    )
-
-
-def within(space, lower, upper, n, rng):
-    """Draw configurations in a box; almost surely none is on a cell boundary, where rounding decides."""
+def draw_within(space, lower, upper, n, rng):
+    """Draw configurations in a box, almost surely none on a cell boundary."""
     position = rng.uniform(lower, upper, (n, len(lower)))
     return np.hstack([position, rng.uniform(-4, 4, (n, space.size - len(lower)))])
 
@@ -44,14 +36,13 @@ def box():
     ids=["plane", "space"],
 )
 def test_window_uses_exact_shapes_until_an_update(obstacles, robot, rotations, outside, tmp_path):
-    """After an update a window uses the outer cells instead."""
     workspace = obstacles()
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=11)
     rng, size = np.random.default_rng(0), np.asarray(space.grid.upper)
     for low, high in ((0.3, 0.7), (0.0, 0.45)):
         window = tiled.window(low * size, high * size)
-        q, p = (within(space, low * size, high * size, 400, rng) for _ in range(2))
+        q, p = (draw_within(space, low * size, high * size, 400, rng) for _ in range(2))
         p[:, : len(size)] = np.clip(
             q[:, : len(size)] + rng.normal(size=(400, len(size))) * 0.1, low * size, high * size
         )
@@ -66,17 +57,19 @@ def test_window_uses_exact_shapes_until_an_update(obstacles, robot, rotations, o
 
 
 def test_window_of_the_whole_map_equals_it(tmp_path):
-    space, tiled = build_both("yaw", "blocked", tmp_path)
+    space, tiled = build_both("yaw", tmp_path, tile=9, seed=3)
     window = tiled.window(space.grid.lower, space.grid.upper)
     assert (window.outside, window.grid) == (space.outside, space.grid)
     np.testing.assert_array_equal(window.cell_states, space.cell_states)
-    q = within(space, np.array(space.grid.lower) - 2, np.array(space.grid.upper) + 2, 500, np.random.default_rng(0))
+    q = draw_within(
+        space, np.array(space.grid.lower) - 2, np.array(space.grid.upper) + 2, 500, np.random.default_rng(0)
+    )
     np.testing.assert_array_equal(window.classify(q), space.classify(q))
     np.testing.assert_array_equal(window.clearance(q), space.clearance(q))
 
 
 def test_saved_window_keeps_its_unknown_exterior(tmp_path):
-    _, tiled = build_both("plane", "free", tmp_path)
+    _, tiled = build_both("plane", tmp_path, "free", tile=9, seed=3, two=True)
     window = tiled.window(np.add(tiled.grid.lower, 1.0), np.add(tiled.grid.lower, 1.5))
     window.save(tmp_path / "part.zarr")
     opened = cspace.open(tmp_path / "part.zarr")
@@ -89,16 +82,16 @@ def test_saved_window_keeps_its_unknown_exterior(tmp_path):
 
 
 def test_window_rejects_invalid_boxes(tmp_path):
-    _, tiled = build_both("plane", "blocked", tmp_path)
+    _, tiled = build_both("plane", tmp_path, tile=9, seed=3)
     for lower, upper in (((1, 1), (0, 0)), ((90, 90), (99, 99)), ((0,), (1,)), ((0, np.nan), (1, 1))):
         with pytest.raises(InputError):
             tiled.window(lower, upper)
 
 
-@pytest.mark.parametrize("name", ["plane", "space yaw"])
+@pytest.mark.parametrize("name", ["plane", "yaw in space"])
 def test_overview_states_are_proven(name, tmp_path):
-    """A coarse cell is FREE or BLOCKED if all its cells are, else MIXED, also at the boundary."""
-    space, tiled = build_both(name, "free", tmp_path)
+    # A coarse cell is FREE or BLOCKED if all its cells are, otherwise MIXED.
+    space, tiled = build_both(name, tmp_path, "free", tile=9, seed=3, two=True)
     for most in (5, 12, 1000):
         seen = tiled.overview(most)
         assert max(seen.grid.shape) <= most
