@@ -28,6 +28,13 @@ class Outside(NamedTuple):
     def all_of(cls, state, dim=3):
         return cls(np.repeat([0, -1], dim), state)
 
+    def project(self, dim):
+        """Return the exterior of the first ``dim`` axes."""
+        return Outside(self.box.reshape(2, -1)[:, :dim].ravel(), self.state)
+
+
+ALL_FREE = Outside.all_of(FREE)
+
 
 @cache
 def point_robot(dim, turning, spacing):
@@ -73,16 +80,21 @@ def make_map(states, kind, outside="free", spacing=0.25, rotations=None, lower=N
     return map_of(states, len(states) if rotations is None else rotations, outside, spacing, lower)
 
 
+def full_states(kind, side, state=FREE):
+    """Return equal states of a small map of a kind, shape (rotations, ...)."""
+    return np.full((4 if "turning" in kind else 1, *(side,) * (3 if "space" in kind else 2)), state, dtype=np.uint8)
+
+
 def cells_per_axis(turns):
     """Return the cells along an axis of ``turns`` quaternion cells."""
     return round((turns / 4) ** (1 / 3))
 
 
-def random_states(rng, kind, most=5, mixture=MIXTURE):
+def random_states(rng, kind, max_side=5, mixture=MIXTURE):
     """Draw states of a small map of a kind, shape (rotations, ...)."""
-    most = most if kind == "plane" else max(2, most - 1)
+    max_side = max_side if kind == "plane" else max(2, max_side - 1)
     turns = int(rng.choice([4, 32]) if "any way" in kind else rng.integers(1, 6)) if "turning" in kind else 1
-    shape = rng.integers(1, min(most, 96 // turns) + 1, 3 if "space" in kind else 2)
+    shape = rng.integers(1, min(max_side, 96 // turns) + 1, 3 if "space" in kind else 2)
     return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 
 

@@ -258,6 +258,11 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
     return cells
 
 
+def path_length(path):
+    """Return the length of a path, or infinity without one."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if len(path) else math.inf
+
+
 # ---- solids ----------------------------------------------------------------------------------------------------------
 
 

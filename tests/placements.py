@@ -3,7 +3,23 @@
 import numpy as np
 import shapely
 
+from cspace import MIXED
+from handmade import configurations
 from tests.soak.plane import Shape, frame, union_of_cells
+
+ORACLE_BAND = 1e-6
+"""Distance from contact, in metres, within which oracles decide nothing."""
+
+
+def draw_near_mixed(space, rng, n, share=0.5, around=0.5):
+    """Draw configurations in and around the grid, a share of them in MIXED cells."""
+    dim = space.grid.dim
+    q = rng.uniform(np.subtract(space.grid.lower, around), np.add(space.grid.upper, around), (n, dim))
+    cells = np.argwhere(space._kernel_map.states == MIXED)
+    if len(cells):
+        chosen = cells[rng.integers(len(cells), size=int(share * n)), -dim:]
+        q[: len(chosen)] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))
+    return configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, space.size - dim))]))
 
 
 def draw_configurations(space, rng, n, far=False):

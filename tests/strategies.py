@@ -64,6 +64,22 @@ def robots(draw, size=1.0):
     return Robot.from_bitmap(occupied, size / 4 * rng.uniform(0.5, 1.5), center)
 
 
+def uniform(low, high):
+    """Draw floats uniformly, because hypothesis prefers round ones."""
+    return seeds.map(lambda seed: float(np.random.default_rng(seed).uniform(low, high)))
+
+
+boundary_yaws = st.tuples(
+    st.just("boundary"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, 2 * math.pi, -2 * math.pi])
+)
+"""Boundaries of rotation cells, by number, plus half or whole turns."""
+
+
+def resolve_yaw(yaw, borders):
+    """Return a yaw as a float; it may be drawn as a boundary of a rotation cell."""
+    return borders[yaw[1] % len(borders)] + yaw[2] if isinstance(yaw, tuple) else yaw
+
+
 @st.composite
 def rotation_cells(draw, max_cells=12):
     """Draw a number of rotation cells, or the boundaries of unequal cells."""

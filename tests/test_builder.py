@@ -23,7 +23,7 @@ from cspace.rotations.base import TWO_PI
 from oracles import overlaps_by_shifts
 from refusals import refusals
 from strategies import robots, seeds, solid_robots, stars
-from tests.soak.plane import placed
+from tests.soak.plane import place_polygon
 
 H = 0.15
 POLICIES = st.sampled_from(["blocked", "free"])
@@ -120,7 +120,7 @@ def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin
     q[:, 3] = np.where(rng.random(400) < 0.3, rng.choice(space.rotations.borders, 400), q[:, 3])
     low, high = middle - extents / 2, middle + extents / 2
     footprint = shapely.box(*low[:2], *high[:2])
-    footprints = placed(footprint, q[:, [0, 1, 3]])
+    footprints = place_polygon(footprint, q[:, [0, 1, 3]])
     gap = np.full(len(q), np.inf)
     for cell in H * np.argwhere(occupied):
         flat = shapely.distance(footprints, shapely.box(*cell[:2], *(cell[:2] + H)))

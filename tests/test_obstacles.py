@@ -21,7 +21,7 @@ from cspace.map.components import Components
 from cspace.shapes import Box, Shape, as_shape
 from maps import proven_paths
 from refusals import refusals
-from tests.soak.plane import placed
+from tests.soak.plane import place_polygon
 from updates import OBSTACLE, SPACING, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 
@@ -193,7 +193,7 @@ def test_exact_queries_agree_with_shapely(rotations: int | None) -> None:
         blocked = shapely.union_all([still, cart])
         q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[:, : space.size]
         shapely.prepare(blocked)
-        bodies = placed(body, q)
+        bodies = place_polygon(body, q)
         from_spots = shapely.distance(bodies[:, None], shapely.points(spots)).min(axis=1) - 0.08
         spare = np.minimum(shapely.distance(blocked, bodies), from_spots)
         sure = (np.abs(spare) > 1e-6) | (spare == 0.0)

@@ -1,12 +1,25 @@
-"""Small arms, written as URDF files."""
+"""Small arms written as URDF files, and boxes at poses."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cspace import Robot
 from cspace.arms import PosedShape
+
+
+def pose_at(x: float, y: float, z: float = 0.0, rotvec: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Return the pose at a point, rotated by a rotation vector."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(rotvec).as_matrix(), (x, y, z)
+    return pose
+
+
+def posed_box(sides: Any, x: float, y: float, z: float = 0.0) -> PosedShape:
+    """Return a box around a point."""
+    return PosedShape(Robot.box(sides).shape, pose_at(x, y, z))
 
 
 def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
@@ -62,9 +75,7 @@ def planar(folder: Path, **changes: Any) -> Path:
 
 def post() -> PosedShape:
     """Return a post beside a planar arm, which only the folded arm passes."""
-    pose = np.eye(4)
-    pose[:2, 3] = 1.55, 0.6
-    return PosedShape(Robot.box((0.2, 0.2, 1.0)).shape, pose)
+    return posed_box((0.2, 0.2, 1.0), 1.55, 0.6)
 
 
 def two_arms(folder: Path) -> Path:

@@ -280,13 +280,13 @@ def _misses(report: Report, seed: int, dim: int) -> None:
 
 def _scene(seed: int, dim: int, rng: np.random.Generator) -> tuple[Body, list[Body], Floats, Bools]:
     """Draw a body, obstacles that leave nine of ten placements clear, placements, and collisions."""
-    body = pool_body(seed, int(rng.integers(POOL)), dim).placed(1.0, random_turn(rng, dim), np.zeros(dim))
+    body = pool_body(seed, int(rng.integers(POOL)), dim).place(1.0, random_turn(rng, dim), np.zeros(dim))
     ts = rng.uniform(0.0, PLACEMENT_SIDES[dim], (SCENE_PLACEMENTS, dim))
     others: list[Body] = []
     meets = np.zeros(len(ts), dtype=np.bool_)
     while meets.mean() < 0.1:
         another = pool_body(seed, int(rng.integers(POOL)), dim)
         away = float(rng.uniform(0.5, 1.2)), random_turn(rng, dim), rng.uniform(0.0, PLACEMENT_SIDES[dim], dim)
-        others.append(another.placed(*away))
+        others.append(another.place(*away))
         meets |= oracle(body, others[-1:], np.eye(dim))(ts)
     return body, others, ts, meets

@@ -17,7 +17,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
 from cspace.arrays import Floats
-from tests.soak.plane import placed, union_of_cells
+from tests.soak.plane import place_polygon, union_of_cells
 
 Query = tuple[Floats, Floats]
 
@@ -177,7 +177,7 @@ def _rectangle(report: Report, space: CSpace) -> Peer:
             change[2] = (change[2] + np.pi) % (2 * np.pi) - np.pi  # the shorter way round
             moved = np.hypot(*change[:2]) + abs(change[2]) * np.hypot(*corners[0])
             q = start + np.linspace(0, 1, 2 + int(moved / 0.002))[:, None] * change
-            if shapely.intersects(obstacles, placed(footprint, q)).any():
+            if shapely.intersects(obstacles, place_polygon(footprint, q)).any():
                 return True
         return False
 

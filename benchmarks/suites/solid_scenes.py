@@ -112,7 +112,7 @@ class Scene:
         """Return a box that does not turn among boxes."""
         low, high = robot.bounds
         title = f"{name}, box of {' m x '.join(f'{side:g}' for side in high - low)} m"
-        skins, shape = (robot.skin(), obstacles.skin()), Robot.box(high - low, (low + high) / 2)
+        skins, shape = (robot.to_surface(), obstacles.to_surface()), Robot.box(high - low, (low + high) / 2)
         return cls(title, workspace, shape, *skins, models, queries, boxes=(robot, obstacles))
 
     def rotations(self, cuts: int) -> Rotations:
@@ -122,7 +122,7 @@ class Scene:
 
 def rooms(quick: bool) -> Scene:
     """Return a table and a flat with a door that the table passes only when tilted."""
-    obstacles, body = Blocks.boxes(ROOMS).skin(), Blocks.boxes(TABLE).skin()
+    obstacles, body = Blocks.boxes(ROOMS).to_surface(), Blocks.boxes(TABLE).to_surface()
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, ROOMS_BOUNDS)
     half = math.sqrt(0.5)
     query = np.array((1.2, 1.5, 0.4, 0, 0, 0, 1)), np.array((6.8, 2.5, 0.4, 0, 0, half, half))
@@ -134,7 +134,7 @@ def rooms(quick: bool) -> Scene:
 
 def trap(quick: bool) -> Scene:
     """Return a rod with a hook in a hollow cube; the only exit is a tube that narrows inward."""
-    obstacles, body = Blocks.boxes(_trap()).skin(), Blocks.boxes(HOOK).skin()
+    obstacles, body = Blocks.boxes(_trap()).to_surface(), Blocks.boxes(HOOK).to_surface()
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, TRAP_BOUNDS)
     half = math.sqrt(0.5)
     query = np.array((-0.3, 0, 0, 0, 0, half, half)), np.array((2.8, 0, 0, 0, 0, half, half))
@@ -228,7 +228,7 @@ def building(report: Report, rng: np.random.Generator, number: int, turns: bool,
     half, workspace = 0.5 * np.array(DRONE), Workspace.from_octomap(path, unknown)
     grid, body = workspace.grid, Blocks.boxes([[-half, half]])
     boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merged_cells(workspace.outer))
-    models = {"triangles of merged boxes": boxes.skin().model, "octree": partial(octree, workspace.outer, grid)}
+    models = {"triangles of merged boxes": boxes.to_surface().model, "octree": partial(octree, workspace.outer, grid)}
     queries = partial(far_apart, number=number, rng=rng)
     name = f"{BUILDING}, unknown cells {unknown}"
     scene = Scene.of_boxes(name, workspace, body, boxes, models, queries)

@@ -13,7 +13,7 @@ from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import Chain, motion_bounds
 from cspace.arms.hulls import MAX_TRIANGLES_PER_TILE, build_forest, node_corners
 from cspace.shapes import Mesh, Shape
-from urdfs import joint, link, random_arm, written
+from urdfs import joint, link, pose_at, posed_box, random_arm, written
 
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 POSE = np.vstack([np.c_[ROTATION, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])
@@ -35,7 +35,7 @@ SHAPES = {
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_nodes_contain_their_descendants(name: str) -> None:
-    """Check box, ball and hull of each node; the leaves make up the boundary, and a convex part is one leaf."""
+    """Check the box, ball and hull of each node."""
     part = PosedShape(SHAPES[name](), POSE).bounds_pair[0]
     boundary, radius = part.boundary.simplices, part.boundary.radii.max()
     hulls = part.hulls
@@ -83,8 +83,8 @@ def bounds(chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any) -> tup
     return motion_bounds(chain, a, b, radius, q0, q1)
 
 
-def chain_of(folder: Path, last: str) -> Path:
-    """Write three links of 1 m in a row; the last joint rotates like the first, or slides across it."""
+def write_chain(folder: Path, last: str) -> Path:
+    """Write three links of 1 m."""
     bar = ((1.0, 0.0001, 0.0001), (0.5, 0, 0))
     axis = {"prismatic": (0, 1, 0), "revolute": (0, 0, 1)}[last]
     return written(
@@ -98,16 +98,17 @@ def chain_of(folder: Path, last: str) -> Path:
 @pytest.mark.parametrize(
     ("make", "start", "end"),
     [
-        (lambda folder: chain_of(folder, "revolute"), (-0.01, -0.01), (0.01, 0.01)),
-        (lambda folder: chain_of(folder, "prismatic"), (-0.01, -1.0), (0.01, 1.0)),
+        (lambda folder: write_chain(folder, "revolute"), (-0.01, -0.01), (0.01, 0.01)),
+        (lambda folder: write_chain(folder, "prismatic"), (-0.01, -1.0), (0.01, 1.0)),
         *((lambda folder, seed=seed: random_arm(folder, seed), None, None) for seed in range(3)),
     ],
     ids=["turns", "slides", *map(str, range(3))],
 )
 def test_motion_bounds_agree_with_differences(tmp_path: Path, make: Any, start: Any, end: Any) -> None:
-    """For every two links, no corner moves faster or curves more than the bounds, which are nearly sharp.
+    """Compare bounds of link pairs with motions of corners.
 
-    In a row of links that rotate alike, the end of the last link reaches the largest acceleration.
+    The bounds are nearly sharp: in a row of links rotating in one sense, the end of the last link reaches the largest
+    acceleration.
     """
     arm, rng = Arm.from_urdf(make(tmp_path)), np.random.default_rng(5)
     lower, upper = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
@@ -134,7 +135,7 @@ def test_motion_bounds_agree_with_differences(tmp_path: Path, make: Any, start: 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_long_motions_never_miss_a_ball(tmp_path: Path, seed: int) -> None:
-    """Motions are as long as the joints allow, and a ball lies where a corner of a link passes."""
+    """Place a ball on the course of a corner."""
     arm, rng = Arm.from_urdf(random_arm(tmp_path, seed)), np.random.default_rng(seed)
     lower, upper = np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0)
     names = [each.name for each in arm.links]
@@ -147,15 +148,16 @@ def test_long_motions_never_miss_a_ball(tmp_path: Path, seed: int) -> None:
             q1 = np.where(np.arange(arm.dof) == rng.integers(arm.dof), q1, q0)
         t = rng.uniform()
         pose = arm.poses(q0 + t * (q1 - q0))[each.name]
-        there = np.eye(4)
-        there[:3, 3] = pose[:3, :3] @ corners[rng.integers(len(corners))] + pose[:3, 3]
-        space = build_arm_space({"seed": PosedShape(Robot.ball(1e-4).shape, there)}, arm, allowed_collisions=touch)
+        there = pose[:3, :3] @ corners[rng.integers(len(corners))] + pose[:3, 3]
+        space = build_arm_space(
+            {"seed": PosedShape(Robot.ball(1e-4).shape, pose_at(*there))}, arm, allowed_collisions=touch
+        )
         assert not space.motion_is_free(q0, q1)
 
 
 @pytest.mark.parametrize("other", ["slides", "turns"])
 def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path, other: str) -> None:
-    """A bar of 1 m rotates by 2 rad past a wall; both bounds are solved by hand."""
+    """Rotate a bar past a wall; solve the distance by hand."""
     kind = {"slides": "prismatic", "turns": "continuous"}[other]
     path = written(
         tmp_path,
@@ -165,47 +167,43 @@ def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path, other: str
         joint("turn", "base", "arm"),
         joint("more", "arm", "tip", at=(0.5, 0, 0), axis=(1, 0, 0), kind=kind, limits=(-0.1, 0.1)),
     )
-    arm, wall = Arm.from_urdf(path), np.eye(4)
+    arm = Arm.from_urdf(path)
     far = float(np.hypot(1.0, 0.01))
     for gap, is_free in ((1e-6, True), (-1e-6, False)):
-        wall[0, 3] = far + gap + 0.05
-        space = build_arm_space({"wall": PosedShape(Robot.box((0.1, 4.0, 1.0)).shape, wall)}, arm)
+        space = build_arm_space({"wall": posed_box((0.1, 4.0, 1.0), far + gap + 0.05, 0.0)}, arm)
         assert space.motion_is_free((-1.0, 0.0), (1.0, 0.05)) is is_free
 
 
 def test_many_turns_prove_nothing_below_their_rounding(tmp_path: Path) -> None:
-    """After 10^9 turns an angle is known only to 1e-7 rad, so smaller distances prove nothing."""
+    """Test 10^9 turns, whose rounding is 1e-7 rad."""
     bar = link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0)))
     arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous")))
-    wall = np.eye(4)
-    wall[:3, 3] = 0.5, 0.01 + 1e-8 + 0.05, 0.0
-    space = build_arm_space({"wall": PosedShape(Robot.box((0.4, 0.1, 1.0)).shape, wall)}, arm)
+    space = build_arm_space({"wall": posed_box((0.4, 0.1, 1.0), 0.5, 0.01 + 1e-8 + 0.05)}, arm)
     assert space.is_free((0.0,))
     assert not space.is_free((2e9 * np.pi,))
 
 
 def test_ball_inside_a_ring_body_collides(tmp_path: Path) -> None:
-    """The triangles of the ring are far from the ball in its body; in the hole the ball is free."""
+    """Put a ball into a ring, and into its hole."""
     arm = Arm.from_urdf(
         written(tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm", axis=(0, 1, 0)))
     )
     held = arm.attach("ring", mesh(trimesh.creation.annulus(0.5, 1.5, 1.0)), "arm")
     for x, is_free in ((1.0, False), (0.0, True)):
-        ball = np.eye(4)
-        ball[0, 3] = x
-        space = build_arm_space({"ball": PosedShape(Robot.ball(0.05).shape, ball)}, held)
+        space = build_arm_space({"ball": PosedShape(Robot.ball(0.05).shape, pose_at(x, 0.0))}, held)
         assert space.is_free((0.0,)) is space.motion_is_free((0.0,), (1.0,)) is is_free
 
 
 def test_flat_plate_is_free_in_its_window(tmp_path: Path) -> None:
-    """The hull of a flat plate covers the window too."""
+    """Pass a bar through the window of a plate.
+
+    The hull of the plate covers the window.
+    """
     corners = [(0.0, s * y, s * z) for s in (1.0, 0.4) for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     faces = [face for k in range(4) for n in ((k + 1) % 4,) for face in ((k, n, 4 + n), (k, 4 + n, 4 + k))]
     bar = link("arm", ((1.0, 0.1, 0.1), (0.5, 0, 0)))
     arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm")))
-    wall = np.eye(4)
-    wall[0, 3] = 0.5
-    space = build_arm_space({"plate": PosedShape(Mesh(corners, faces, solid="surface"), wall)}, arm)
+    space = build_arm_space({"plate": PosedShape(Mesh(corners, faces, solid="surface"), pose_at(0.5, 0.0))}, arm)
     assert space.obstacle_distance((0.0,)) == pytest.approx(0.35)
     assert space.motion_is_free((-0.4,), (0.4,))
     assert not space.is_free((0.8,))

@@ -1,4 +1,4 @@
-"""Maps of two and three joints, against shapely for arms in the plane and FCL in space."""
+"""Maps of two and three joints, against shapely and FCL."""
 
 import copy
 import pickle
@@ -14,38 +14,36 @@ from scipy.ndimage import label
 
 import cspace
 import planners
-from arms.test_space import at, scene
-from cspace import BLOCKED, FREE, MIXED, CSpace, Robot
-from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space, build_joint_map
+from arms.test_space import scene
+from cspace import BLOCKED, FREE, MIXED, CSpace
+from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map
 from cspace.errors import ConfigurationError, InputError
 from maps import proven_paths
 from refusals import refusals
-from tests.soak.plane import placed
-from urdfs import joint, link, planar, written
+from tests.soak.plane import place_polygon
+from urdfs import joint, link, planar, posed_box, written
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres."""
 
 
 def plane_arm(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
-    """Return two bars of 1 m by 0.1 m among posts."""
-    shapes = {
-        f"post{k}": PosedShape(Robot.box((side, side, 2.0)).shape, at(x, y, 0)) for k, (x, y, side) in enumerate(posts)
-    }
+    """Build two bars among posts."""
+    shapes = {f"post{k}": posed_box((side, side, 2.0), x, y, 0) for k, (x, y, side) in enumerate(posts)}
     return build_arm_space(shapes, Arm.from_urdf(planar(folder, limits=limits)))
 
 
 def meets_posts(q: Any, posts: Any = POSTS) -> Any:
-    """Return whether the bars meet a post at each configuration, by shapely."""
+    """Return True where the bars meet a post, by shapely."""
     (first, second), bar = np.transpose(q), shapely.box(0.0, -0.05, 1.0, 0.05)
-    upper = placed(bar, np.stack([np.zeros_like(first), np.zeros_like(first), first], axis=1))
-    fore = placed(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
+    upper = place_polygon(bar, np.stack([np.zeros_like(first), np.zeros_like(first), first], axis=1))
+    fore = place_polygon(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
     squares = [shapely.box(x - s / 2, y - s / 2, x + s / 2, y + s / 2) for x, y, s in posts]
     return shapely.intersects(np.array([upper, fore])[:, None], np.array(squares)[:, None]).any(axis=(0, 1))
 
 
 def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
-    """No configuration of a FREE cell collides, even at its corners; each of a BLOCKED cell does."""
+    """Test configurations in cells, also at their corners."""
     space = plane_arm(tmp_path)
     made = build_joint_map(space, 6.0 / 150)
     assert isinstance(made, CSpace)
@@ -74,7 +72,7 @@ def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", [1, 3, 4])
 def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) -> None:
-    """Random boxes on joints of all kinds; the other joints are held."""
+    """Draw boxes on all kinds of joints; hold others."""
     space, oracle, rng = scene(tmp_path, seed)
     configurations = space.sample_free(50, rng)
     held = configurations[np.argmax(space.obstacle_distance(configurations))]
@@ -93,7 +91,7 @@ def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) ->
 
 
 def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
-    """A post splits the range of the upper arm; a dense grid of configurations confirms it."""
+    """Split the range of the upper arm by a post."""
     posts = ((0.7, 0.0, 0.3),)
     space = plane_arm(tmp_path, (-1.5, 1.5), posts)
     made = build_joint_map(space, 0.05)
@@ -108,7 +106,7 @@ def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
 
 
 def test_joint_map_supports_all_queries(tmp_path: Path) -> None:
-    """The arm itself proves the edges and paths of the map; files, labels and pictures name the joints."""
+    """Prove edges and paths of the map by the arm."""
     space = plane_arm(tmp_path)
     made = build_joint_map(space, 0.05)
     rng = np.random.default_rng(5)
@@ -154,7 +152,7 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) ->
         joint("turn", "foot", "bar", limits=None, kind="continuous"),
         joint("lift", "bar", "quill", at=(1, 0, 0), kind="prismatic", limits=(0.0, 0.42)),
     )
-    wall = {"table": PosedShape(Robot.box((1.0, 1.0, 0.2)).shape, at(1.0, 0.0, -0.5))}
+    wall = {"table": posed_box((1.0, 1.0, 0.2), 1.0, 0.0, -0.5)}
     space = build_arm_space(wall, Arm.from_urdf(path))
     assert build_joint_map(space, 0.05).periodic_axes == (True, False)
     made = build_joint_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
@@ -168,8 +166,8 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) ->
     assert made.grid.unit == "rad or m"
 
 
-def periodic_axes(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
-    """Return the same bars on a continuous shoulder."""
+def periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
+    """Build two bars on a continuous shoulder among posts."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         folder,
@@ -178,15 +176,15 @@ def periodic_axes(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
         joint("shoulder", "foot", "upper", limits=None, kind="continuous"),
         joint("elbow", "upper", "fore", at=(1, 0, 0), **elbow),
     )
-    shapes = {f"post{k}": PosedShape(Robot.box((s, s, 2.0)).shape, at(x, y, 0)) for k, (x, y, s) in enumerate(posts)}
+    shapes = {f"post{k}": posed_box((s, s, 2.0), x, y, 0) for k, (x, y, s) in enumerate(posts)}
     return build_arm_space(shapes, Arm.from_urdf(path))
 
 
 @pytest.mark.parametrize("circle", [True, False])
 def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
-    """Includes all cells, the seam, copies, and plans through MIXED cells, but no changed cells."""
+    """Include the seam, copies, plans and changed cells."""
     posts, rng = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4)), np.random.default_rng(6)
-    space = periodic_axes(tmp_path, posts) if circle else plane_arm(tmp_path, posts=posts)
+    space = periodic_arm(tmp_path, posts) if circle else plane_arm(tmp_path, posts=posts)
     made = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
     q = rng.uniform(low, high, (300, 2))
@@ -201,7 +199,7 @@ def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
     assert meets_posts(q, posts).tolist() == (~free).tolist()
     mixed = free & (made.classify(q) == MIXED)
     assert mixed.sum() > 30
-    outside = (-1.5, 2.1)  # in the last cell, but behind where the map ends
+    outside = (-1.5, 2.1)  # in the last cell, but beyond the limits
     assert space.is_free(outside) and made.classify(outside) == MIXED and not made.is_free(outside, exact=True)
     plans = [planners.plan(made, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
     assert any(plan.certified for plan in plans)
@@ -210,14 +208,14 @@ def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
     middle = q[mixed][0]
     check, walk = made.point_checker(exact=True), made.edge_checker(exact=True)
     assert check(*middle) and walk(*middle, *middle)
-    made.add_obstacle("closed", [middle], radius=0.01)  # of cells that are MIXED, and stay so
+    made.add_obstacle("closed", [middle], radius=0.01)  # its cells stay MIXED
     assert not (check(*middle) or walk(*middle, *middle) or made.is_free(middle, exact=True))
     assert not (made.is_free(q, exact=True) & ~free).any()
 
 
 def test_paths_cross_the_seam(tmp_path: Path) -> None:
-    """A post on the right stops the upper bar; the seam behind the foot is free."""
-    space = periodic_axes(tmp_path, ((0.7, 0.0, 0.3),))
+    """Stop the bar on the right, but not at the seam."""
+    space = periodic_arm(tmp_path, ((0.7, 0.0, 0.3),))
     made = build_joint_map(space, 0.05)
     assert made.grid.spacing == pytest.approx(2.0 * np.pi / 126)
     left, right = (-1.0, 0.3), (1.0, -0.3)
@@ -228,14 +226,14 @@ def test_paths_cross_the_seam(tmp_path: Path) -> None:
         assert made.certify_path(path).all()
         assert np.all(space.certify_path(path))
         assert not meets_posts(path, ((0.7, 0.0, 0.3),)).any()
-    with_wall = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
+    with_wall = build_joint_map(periodic_arm(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
     assert with_wall.is_disconnected(left, right)
 
 
 @pytest.mark.parametrize("cells", [75, 76])
 def test_last_cell_contains_the_last_angle(tmp_path: Path, cells: int) -> None:
-    """75 times a 75th of a turn, rounded, is less than a turn."""
-    made = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
+    """Include 75 cells, whose rounded sum is below a turn."""
+    made = build_joint_map(periodic_arm(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
     last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
     assert made.grid.shape[0] == cells
     assert made.is_connected(last, other)
@@ -250,11 +248,11 @@ def test_last_cell_contains_the_last_angle(tmp_path: Path, cells: int) -> None:
 def test_joint_maps_agree_with_shapely(
     tmp_path_factory: pytest.TempPathFactory, seed: int, elbow: dict[str, Any]
 ) -> None:
-    """Among random posts, also at the seam, all states are right, and paths exist exactly if they should."""
+    """Test states and connectivity among random posts."""
     rng = np.random.default_rng(seed)
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
     posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
-    space = periodic_axes(tmp_path_factory.mktemp("arm"), posts, **elbow)
+    space = periodic_arm(tmp_path_factory.mktemp("arm"), posts, **elbow)
     made = build_joint_map(space, 0.12)
     circles, states = made.periodic_axes, np.asarray(made.cell_states)
     for state, collides in ((FREE, True), (BLOCKED, False)):
@@ -265,9 +263,9 @@ def test_joint_maps_agree_with_shapely(
         points = points + 2.0 * np.pi * rng.integers(-2, 3, points.shape) * circles
         assert not (meets_posts(points, posts) == collides).any()
     q = np.stack(np.meshgrid(*(made.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(-1, 2)
-    for most, answer in ((FREE, True), (MIXED, False)):
+    for max_state, answer in ((FREE, True), (MIXED, False)):
         # Join components that meet across the seam.
-        parts, _ = label(states <= most)
+        parts, _ = label(states <= max_state)
         while True:
             before = parts.copy()
             for axis in np.flatnonzero(circles):
@@ -284,7 +282,10 @@ def test_joint_maps_agree_with_shapely(
 
 
 def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
-    """A turn of such a joint does not restore the arm."""
+    """Mimic a continuous joint by half its angle.
+
+    A turn of the joint does not restore the arm.
+    """
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     follows = '<mimic joint="one" multiplier="{}"/>'
     for factor, good in (("0.5", False), ("-2", True)):
@@ -336,7 +337,7 @@ def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:
 
 
 def test_joint_with_equal_limits_is_held(tmp_path: Path) -> None:
-    """Paths keep the joint at its value, and maps must leave it out."""
+    """Keep the joint at its value; maps omit it."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         tmp_path,

@@ -1,4 +1,4 @@
-"""Arms from URDF files: joints, limits, bodies and pairs, against yourdfpy and pinocchio."""
+"""Arms from URDF files, against yourdfpy and pinocchio."""
 
 import pickle
 from pathlib import Path
@@ -21,7 +21,7 @@ BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
 @pytest.mark.parametrize("seed", range(4))
 def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> None:
-    """Includes all kinds of joints, and a joint that mimics another."""
+    """Include all kinds of joints, and one that mimics another."""
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
     urdf = yourdfpy.URDF.load(str(path), load_meshes=False)
@@ -33,7 +33,7 @@ def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> No
 
 
 def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
-    """The other joints are held at zero, or at their nearest limit."""
+    """Hold other joints at zero or their nearest limit."""
     path = written(
         tmp_path,
         *(link(name, BAR) for name in "abcd"),
@@ -53,7 +53,7 @@ def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
 
 
 def test_equal_links_share_one_object(tmp_path: Path) -> None:
-    """Equal geometry at an equal pose is one object in all arms, with its caches; a copy keeps the caches."""
+    """Share equal geometry at equal poses, with its caches."""
 
     def parts_of(length: float) -> list[PosedShape]:
         box = ((length, 0.1, 0.1), (0.5, 0, 0))
@@ -73,7 +73,7 @@ def test_equal_links_share_one_object(tmp_path: Path) -> None:
 
 
 def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None:
-    """Neighbours include links connected over a link without geometry; an SRDF replaces them."""
+    """Include links connected over a link without geometry."""
     path = written(
         tmp_path,
         link("a", BAR),
@@ -120,7 +120,7 @@ def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_p
 
 
 def test_srdf_groups_states_and_end_effectors_are_read(tmp_path: Path) -> None:
-    """States of two groups may share a name; joints missing from a state are as near to zero as possible."""
+    """Read states of two groups with one name."""
     path = written(
         tmp_path,
         *(link(name, BAR) for name in "abcdef"),
@@ -179,7 +179,7 @@ def test_named_configurations_agree_with_pinocchio(data: Path, name: str) -> Non
 
 
 def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> None:
-    """Includes links beyond the next one whose bodies are adjacent."""
+    """Include distant links whose bodies are adjacent."""
     path = written(
         tmp_path,
         link("base", BAR),
@@ -261,7 +261,7 @@ def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: 
 
 
 def test_warnings_of_open_shapes_name_what_makes_surfaces_of_them(tmp_path: Path) -> None:
-    """Neither ``attach`` nor ``build_arm_space`` has an option ``solid``."""
+    """Test functions without an option ``solid``."""
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
     arm = Arm.from_urdf(planar(tmp_path))
@@ -288,7 +288,7 @@ def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> Non
 
 
 def chain_of_three(folder: Path, leader: str) -> Path:
-    """Write an arm of three joints whose second mimics a joint with the name ``leader``."""
+    """Write an arm of three joints; the second mimics ``leader``."""
     mimics = ["", f'<mimic joint="{leader}"/>', '<mimic joint="one"/>' if leader == "three" else ""]
     joints = zip(("one", "two", "three"), "abc", "bcd", mimics, strict=True)
     links = (link(name, BAR) for name in "abcd")

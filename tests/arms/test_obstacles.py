@@ -1,4 +1,4 @@
-"""Workspaces, cells and clouds as obstacles of arms, against FCL and cases solved by hand."""
+"""Workspaces, cells and clouds as obstacles of arms, against FCL."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
@@ -14,7 +13,7 @@ from cspace.errors import InputError
 from cspace.shapes import Mesh, Voxels
 from refusals import refusals
 from solids import ArmOracle, ball, box, sampled
-from urdfs import joint, link, planar, random_arm, written
+from urdfs import joint, link, planar, pose_at, random_arm, written
 
 H = 0.2
 SIDE = 10
@@ -28,7 +27,7 @@ def cell_boxes(cells: Any, pose: Any = None) -> list[Any]:
 
 
 def allowed_pairs(arm: Arm, name: str) -> list[tuple[str, str]]:
-    """Return pairs that may touch: all links each other, and the first link also ``name``."""
+    """Return all pairs of links, and one with ``name``."""
     names = [each.name for each in arm.links]
     return [*((one, other) for one in names for other in names if one < other), (names[0], name)]
 
@@ -43,7 +42,7 @@ def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", base_pose:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_grids_agree_with_fcl(tmp_path: Path, seed: int) -> None:
-    """Outer cells prove FREE and inner cells prove BLOCKED; free motions hit nothing."""
+    """Compare FREE with outer cells, and BLOCKED with inner cells."""
     path, rng = random_arm(tmp_path, seed), np.random.default_rng(seed)
     arm = Arm.from_urdf(path)
     outer = rng.random((SIDE,) * 3) < 0.03
@@ -72,8 +71,7 @@ def test_grids_agree_with_fcl(tmp_path: Path, seed: int) -> None:
 def test_rotated_cells_agree_with_fcl(tmp_path: Path, moved: str) -> None:
     path, rng = random_arm(tmp_path, 7), np.random.default_rng(7)
     arm = Arm.from_urdf(path)
-    cells, pose = rng.random((SIDE,) * 3) < 0.03, np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec((0.3, -0.7, 1.1)).as_matrix(), (0.1, 0.2, -0.1)
+    cells, pose = rng.random((SIDE,) * 3) < 0.03, pose_at(0.1, 0.2, -0.1, (0.3, -0.7, 1.1))
     shape = Voxels.of(cells, H, LOWER)
     if moved == "obstacles":
         space = only_obstacles({"cells": PosedShape(shape, pose)}, arm, "cells")
@@ -88,7 +86,7 @@ def test_rotated_cells_agree_with_fcl(tmp_path: Path, moved: str) -> None:
 
 @pytest.mark.parametrize("radius", [0.05, 0.0])
 def test_clouds_agree_with_fcl(tmp_path: Path, radius: float) -> None:
-    """The points themselves are the obstacles, not the cells of their grid."""
+    """Compare with the points themselves, not their cells."""
     path, rng = random_arm(tmp_path, 2), np.random.default_rng(2)
     arm = Arm.from_urdf(path)
     points = rng.uniform(-1.0, 1.0, (60, 3))
@@ -110,7 +108,7 @@ def tip_arm(folder: Path, size: float) -> Arm:
 
 @pytest.mark.parametrize(("size", "width"), [(2.0, 1), (0.1, 20)])
 def test_containment_is_blocked(tmp_path: Path, size: float, width: int) -> None:
-    """A lone cell in a large link, and a small link in a block of cells, whose boundaries do not meet."""
+    """Put a cell into a link, and a link into cells."""
     cells = np.zeros((40, 40, 40), dtype=bool)
     block = slice(20 - width // 2, 20 - width // 2 + width)
     cells[block, block, block] = True
@@ -125,7 +123,7 @@ def test_containment_is_blocked(tmp_path: Path, size: float, width: int) -> None
 
 
 def test_parts_larger_than_a_link_still_collide(tmp_path: Path) -> None:
-    """The cells are connected only by edges, and a link contains some of them."""
+    """Connect cells only by edges; a link contains some."""
     cells = np.zeros((40, 40, 40), dtype=bool)
     cells[range(40), range(40), 20] = True
     space = build_arm_space(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), tip_arm(tmp_path, 2.0))
@@ -133,7 +131,7 @@ def test_parts_larger_than_a_link_still_collide(tmp_path: Path) -> None:
 
 
 def test_unknown_cells_are_mixed(tmp_path: Path) -> None:
-    """Unknown cells are obstacles, but prove no collision."""
+    """Treat unknown cells as obstacles that prove no collision."""
     cells, unknown = np.zeros((2, 20, 20, 20), dtype=bool)
     cells[13:15, :, :], unknown[13, :, :] = True, True
     grid = Grid((0.0, -1.0, -1.0), 0.1, cells.shape)
@@ -176,11 +174,10 @@ def test_live_workspaces_are_copied(tmp_path: Path) -> None:
 
 
 def test_scattered_cells_refuse_to_exceed_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scattered cells take far more memory than as many in a slab; they are refused in advance."""
+    """Refuse scattered cells, but accept an equal number in slabs."""
     arm = Arm.from_urdf(planar(tmp_path))
     scattered = np.indices((24, 24, 24)).sum(axis=0) % 2 == 0
-    away = np.eye(4)
-    away[:3, 3] = 9.0
+    away = pose_at(9.0, 9.0, 9.0)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 6_000_000)
     build_arm_space(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, base_pose=away)
     with pytest.raises(InputError, match=r"needs about .* its cells are 6912 boxes"):
@@ -197,10 +194,9 @@ def test_lazy_workspaces_are_read(tmp_path: Path) -> None:
 
 
 def test_trimesh_is_accepted_as_obstacle_and_attached_object(tmp_path: Path) -> None:
-    """It answers like the Shape made from it."""
+    """Compare with the Shape made from it."""
     arm, rng = Arm.from_urdf(planar(tmp_path)), np.random.default_rng(1)
-    mesh, pose = trimesh.creation.icosphere(2, 0.4), np.eye(4)
-    pose[:3, 3] = 1.3, 0.9, 0.0
+    mesh, pose = trimesh.creation.icosphere(2, 0.4), pose_at(1.3, 0.9)
     moved = mesh.copy().apply_transform(pose)
     spaces = [build_arm_space({"ball": each}, arm) for each in (moved, Mesh.of(moved), PosedShape(mesh, pose))]
     points = spaces[0].sample_free(None) * np.ones((1, 1)), rng.uniform(-3.0, 3.0, (200, 2))

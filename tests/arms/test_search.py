@@ -1,4 +1,4 @@
-"""Paths of arms: proven, reproducible, and to any of several goals."""
+"""Paths of arms, proven and reproducible."""
 
 import math
 import time
@@ -8,30 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cspace import Robot
-from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
+from cspace.arms import Arm, ArmSpace, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from refusals import refusals
-from urdfs import planar, random_arm, two_arms
+from urdfs import planar, posed_box, random_arm, two_arms
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)
 
 
-def box(size: Any, *at: float) -> PosedShape:
-    pose = np.eye(4)
-    pose[:3, 3] = at
-    return PosedShape(Robot.box(size).shape, pose)
-
-
 @pytest.fixture(scope="module", params=[0.1, 0.001], ids=["wall", "sheet"])
 def space(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ArmSpace:
-    """Return an arm of two links of 1 m, and a wall or a thin sheet that only the folded arm passes.
+    """Build an arm that passes a wall only folded.
 
     The sheet is so thin that sampling a motion misses it.
     """
     arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
-    return build_arm_space({"wall": box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
+    return build_arm_space({"wall": posed_box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
 
 
 @pytest.mark.parametrize("straight", [True, False])
@@ -42,7 +35,7 @@ def test_path_around_a_wall_is_proven_and_reproducible(space: ArmSpace, straight
     np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
     assert space.certify_path(path).all()
     along = np.concatenate([np.linspace(*edge, 200) for edge in pairwise(path)])
-    assert np.abs(along[np.abs(along[:, 0]).argmin(), 1]) > 1.5  # it folds where it passes
+    assert np.abs(along[np.abs(along[:, 0]).argmin(), 1]) > 1.5  # it folds to pass
     np.testing.assert_array_equal(path, space.find_path(START, GOAL, seed=seed, straight=straight))
 
 
@@ -66,13 +59,13 @@ def test_path_of_a_continuous_joint_takes_the_shorter_way(tmp_path: Any, first: 
 
 
 def test_path_of_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path: Any) -> None:
-    """A wall blocks the shorter way of the upper link."""
+    """Block the shorter way by a wall."""
     arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
-    space = build_arm_space({"wall": box((0.1, 1.0, 1.0), -0.8, 0.0, 0.0)}, arm)
+    space = build_arm_space({"wall": posed_box((0.1, 1.0, 1.0), -0.8, 0.0, 0.0)}, arm)
     path = space.find_path((2.0, 0.0), (-2.0, 0.0), seed=1)
     assert space.certify_path(path).all()
     np.testing.assert_array_equal(path[[0, -1]], [(2.0, 0.0), (-2.0, 0.0)])
-    assert np.abs(np.diff(path[:, 0])).max() <= np.pi  # so that it is clear to all which way the joint turns
+    assert np.abs(np.diff(path[:, 0])).max() <= np.pi  # otherwise the direction would be ambiguous
 
 
 class CountingGenerator(np.random.Generator):
@@ -89,7 +82,7 @@ class CountingGenerator(np.random.Generator):
 def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, seed: int) -> None:
     rng = np.random.default_rng(seed)
     sizes, places = rng.uniform(0.03, 0.1, (150, 3)), rng.uniform((0.35, -1.0, -0.9), (1.2, 1.0, 0.9), (150, 3))
-    boxes = {f"box {k}": box(size, *place) for k, (size, place) in enumerate(zip(sizes, places, strict=True))}
+    boxes = {f"box {k}": posed_box(size, *place) for k, (size, place) in enumerate(zip(sizes, places, strict=True))}
     space = build_arm_space(boxes, Arm.from_urdf(two_arms(tmp_path)))
     q0, q1 = space.sample_free(2, rng)
     generator: Any = CountingGenerator(np.random.PCG64(1))
@@ -99,17 +92,19 @@ def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, se
 
 
 def test_search_without_a_path_ends_in_time(tmp_path: Any) -> None:
-    """The upper link cannot pass the wall, and its limits keep it from going around."""
-    space = build_arm_space({"wall": box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}, Arm.from_urdf(planar(tmp_path)))
-    began = time.perf_counter()
+    """Block the upper link by a wall and its limits."""
+    space = build_arm_space({"wall": posed_box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}, Arm.from_urdf(planar(tmp_path)))
+    start = time.perf_counter()
     assert space.find_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
-    assert time.perf_counter() - began < 2.0
+    assert time.perf_counter() - start < 2.0
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_find_path_supports_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
-    space = build_arm_space({"post": box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed_collisions=[("l0", "post")])
+    space = build_arm_space(
+        {"post": posed_box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed_collisions=[("l0", "post")]
+    )
     q0, q1 = space.sample_free(2, np.random.default_rng(seed))
     path = space.find_path(q0, q1, seed=seed, time_limit=0.5)
     assert not len(path) or space.certify_path(path).all()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot
@@ -15,13 +14,7 @@ from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from refusals import refusals
 from solids import ArmOracle, box, sampled
-from urdfs import joint, link, planar, random_arm, written
-
-
-def at(x: float, y: float, z: float, turn: Any = (0.0, 0.0, 0.0)) -> Any:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), (x, y, z)
-    return pose
+from urdfs import joint, link, planar, pose_at, posed_box, random_arm, written
 
 
 def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Generator]:
@@ -31,7 +24,7 @@ def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Gen
     blocks = {
         f"block{n}": (
             rng.uniform(0.05, 0.4, 3),
-            at(*(rng.choice([-1, 1], 3) * rng.uniform(0.35, 1.0, 3)), rng.normal(size=3)),
+            pose_at(*(rng.choice([-1, 1], 3) * rng.uniform(0.35, 1.0, 3)), rng.normal(size=3)),
         )
         for n in range(4)
     }
@@ -58,14 +51,14 @@ def test_states_agree_with_fcl(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_motions_agree_with_fcl(tmp_path: Path, seed: int) -> None:
-    """Proven motions are free at all samples; every other motion has a sample that collides or nearly touches."""
+    """Sample motions; those not proven collide or nearly touch."""
     space, oracle, rng = scene(tmp_path, seed)
     free = space.sample_free(24, rng)
     goals = np.clip(free + rng.normal(scale=0.5, size=free.shape), space.arm.lower, space.arm.upper)
     proven = np.asarray(space.motion_is_free(free, goals))
     for q0, q1, is_free in zip(free, goals, proven, strict=True):
-        rooms = (oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 60))
-        assert all(room > 0.0 for room in rooms) if is_free else any(room < 0.02 for room in rooms)
+        distances = (oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 60))
+        assert all(value > 0.0 for value in distances) if is_free else any(value < 0.02 for value in distances)
     assert 0 < proven.sum() < len(proven)
     np.testing.assert_array_equal(proven, space.motion_is_free(goals, free))
 
@@ -74,19 +67,19 @@ def test_path_obstacle_distance_is_a_lower_bound(tmp_path: Path) -> None:
     space, oracle, rng = scene(tmp_path, 0)
     free = space.sample_free(24, rng)
     goals = np.clip(free + rng.normal(scale=0.3, size=free.shape), space.arm.lower, space.arm.upper)
-    rooms = [space.path_obstacle_distance([q0, q1]) for q0, q1 in zip(free, goals, strict=True)]
-    assert sum(room > 0.0 for room in rooms) > 8
-    for q0, q1, room in zip(free, goals, rooms, strict=True):
-        assert min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 40)) >= room - 1e-6
+    distances = [space.path_obstacle_distance([q0, q1]) for q0, q1 in zip(free, goals, strict=True)]
+    assert sum(distance > 0.0 for distance in distances) > 8
+    for q0, q1, distance in zip(free, goals, distances, strict=True):
+        assert min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 40)) >= distance - 1e-6
     assert space.path_obstacle_distance(free[:1]) == space.obstacle_distance(free[0])
     blocked = np.flatnonzero(~np.asarray(space.motion_is_free(free, goals)))
-    assert len(blocked) and not any(rooms[k] for k in blocked)
+    assert len(blocked) and not any(distances[k] for k in blocked)
 
 
 def test_small_arms_agree_with_hand_calculations(tmp_path: Path) -> None:
-    """An arm of two links is just beside a post, just in it, and sweeps over it."""
+    """Move an arm beside a post, into it, and over it."""
     arm = Arm.from_urdf(planar(tmp_path))
-    post = {"post": PosedShape(Robot.box((0.1, 0.1, 1.0)).shape, at(1.5, 1.0, 0.0))}
+    post = {"post": posed_box((0.1, 0.1, 1.0), 1.5, 1.0, 0.0)}
     space = build_arm_space(post, arm)
     assert space.classify((0.0, 0.0)) == FREE
     assert space.obstacle_distance((0.0, 0.0)) == pytest.approx(0.9, abs=1e-6)
@@ -99,7 +92,7 @@ def test_small_arms_agree_with_hand_calculations(tmp_path: Path) -> None:
     contact = space.closest((0.4, 0.0))
     assert (contact.link, contact.other) == ("fore", "post")
     np.testing.assert_allclose(contact.points[1][:2], (1.55, 0.95), atol=1e-9)  # a corner of the post
-    ball = build_arm_space({"ball": PosedShape(Robot.ball(0.2).shape, at(1.5, 1.0, 0.0))}, arm)
+    ball = build_arm_space({"ball": PosedShape(Robot.ball(0.2).shape, pose_at(1.5, 1.0, 0.0))}, arm)
     np.testing.assert_allclose(ball.closest((0.0, 0.0)).points, [(1.5, 0.05, 0.0), (1.5, 0.8, 0.0)], atol=1e-9)
     # FREE respects the margin.
     close = build_arm_space(post, arm, margin=0.95)
@@ -109,7 +102,7 @@ def test_small_arms_agree_with_hand_calculations(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
-    """Their distance is the distance of the pair."""
+    """Compare their distance with that of the pair."""
     space, oracle, rng = scene(tmp_path, seed)
     for q in space.sample_free(5, rng):
         contact = space.closest(q)
@@ -117,7 +110,7 @@ def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
 
 
 def test_folding_links_collide(tmp_path: Path) -> None:
-    """The first and the last of three links may not touch; neighbours may."""
+    """Fold three links until the first and the last touch."""
     bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         tmp_path,
@@ -134,11 +127,11 @@ def test_folding_links_collide(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_containment_is_never_free(tmp_path: Path, swapped: bool) -> None:
-    """Boundaries do not meet: a small obstacle in a large link, and a small link in a large obstacle."""
+    """Put an obstacle into a link, and a link into an obstacle."""
     size = 0.1 if swapped else 2.0
     path = written(tmp_path, link("base"), link("tip", ((size, size, size), (5, 0, 0))), joint("turn", "base", "tip"))
     other = 2.1 - size
-    space = build_arm_space({"thing": PosedShape(Robot.box((other,) * 3).shape, at(5, 0, 0))}, Arm.from_urdf(path))
+    space = build_arm_space({"thing": posed_box((other,) * 3, 5, 0, 0)}, Arm.from_urdf(path))
     assert space.classify((0.0,)) == BLOCKED
     assert space.obstacle_distance((0.0,)) == 0.0
     assert space.is_free((1.5,))
@@ -148,13 +141,13 @@ def test_containment_is_never_free(tmp_path: Path, swapped: bool) -> None:
 def test_ball_obstacles_and_attached_objects_collide(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     solids = {
-        "ball": PosedShape(Robot.ball(0.3).shape, at(2.5, 0.0, 0.0)),
-        "can": PosedShape(Robot.cylinder(0.2, 1.0).shape, at(0.0, 2.5, 0.0)),
+        "ball": PosedShape(Robot.ball(0.3).shape, pose_at(2.5, 0.0, 0.0)),
+        "can": PosedShape(Robot.cylinder(0.2, 1.0).shape, pose_at(0.0, 2.5, 0.0)),
     }
     space = build_arm_space(solids, arm)
     assert space.obstacle_distance((0.0, 0.0)) == pytest.approx(0.2, abs=1e-6)
     assert space.obstacle_distance((np.pi / 2, 0.0)) == pytest.approx(0.3, abs=2e-3)
-    longer = arm.attach("tool", Robot.box((0.3, 0.02, 0.02)).shape, "fore", at(1.1, 0.0, 0.0))
+    longer = arm.attach("tool", Robot.box((0.3, 0.02, 0.02)).shape, "fore", pose_at(1.1, 0.0, 0.0))
     held = build_arm_space(solids, longer)
     assert held.obstacle_distance((np.pi / 2, 0.0)) == pytest.approx(0.05, abs=2e-3)
     assert not held.is_free((0.0, 0.0))
@@ -166,7 +159,7 @@ def test_ball_obstacles_and_attached_objects_collide(tmp_path: Path) -> None:
 
 def test_obstacles_at_fixed_links_are_refused_unless_allowed(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
-    floor = {"floor": PosedShape(Robot.box((4.0, 4.0, 0.1)).shape, at(0, 0, -0.25))}
+    floor = {"floor": posed_box((4.0, 4.0, 0.1), 0, 0, -0.25)}
     with pytest.raises(ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed_collisions="):
         build_arm_space(floor, arm)
     assert build_arm_space(floor, arm, allowed_collisions=[("foot", "floor")]).is_free((0.0, 0.0))
@@ -190,14 +183,16 @@ def test_obstacles_at_fixed_links_are_refused_unless_allowed(tmp_path: Path) -> 
     (lambda s: build_arm_space({}, s.arm, margin=-1.0), "margin is -1.0"),
 )
 def test_arm_space_refuses_invalid_arguments(tmp_path: Path, call: Any, message: str) -> None:
-    space = build_arm_space({"post": PosedShape(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space(
+        {"post": PosedShape(Robot.ball(0.1).shape, pose_at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path))
+    )
     with pytest.raises(InputError, match=message):
         call(space)
 
 
 def test_build_arm_space_accepts_shapes_and_paths(tmp_path: Path) -> None:
     space = build_arm_space(
-        {"post": PosedShape(Robot.ball(0.1).shape, at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path))
+        {"post": PosedShape(Robot.ball(0.1).shape, pose_at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path))
     )
     points = np.zeros((2, 3, 2))
     assert np.shape(space.is_free(points)) == np.shape(space.classify(points)) == (2, 3)
@@ -212,11 +207,11 @@ def test_build_arm_space_accepts_shapes_and_paths(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_motions_never_miss_a_thin_obstacle(tmp_path: Path, seed: int) -> None:
-    """Small balls lie where a point of a link passes during a motion."""
+    """Place a small ball on the course of a link."""
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
     touch = [("l0", "seed"), *((a.name, b.name) for a in arm.links for b in arm.links if a.name < b.name)]
-    away = {"seed": PosedShape(Robot.ball(1e-3).shape, at(20.0, 0.0, 0.0))}
+    away = {"seed": PosedShape(Robot.ball(1e-3).shape, pose_at(20.0, 0.0, 0.0))}
     empty, rng = build_arm_space(away, arm, allowed_collisions=touch), np.random.default_rng(seed)
     for each in arm.links[1:]:
         for _ in range(12):
@@ -227,7 +222,7 @@ def test_motions_never_miss_a_thin_obstacle(tmp_path: Path, seed: int) -> None:
             pose = arm.poses(q0 + rng.uniform() * (q1 - q0))[each.name]
             there = pose[:3, :3] @ point + pose[:3, 3]
             assert not build_arm_space(
-                {"seed": PosedShape(Robot.ball(1e-3).shape, at(*there))}, arm, allowed_collisions=touch
+                {"seed": PosedShape(Robot.ball(1e-3).shape, pose_at(*there))}, arm, allowed_collisions=touch
             ).motion_is_free(q0, q1)
             assert empty.motion_is_free(q0, q1)
 
@@ -263,11 +258,11 @@ def test_plans_clamp_endpoints_slightly_beyond_limits_and_say_so(tmp_path: Path)
 
 
 def test_queries_beyond_a_limit_hold_for_the_given_configuration(tmp_path: Path) -> None:
-    """A rod that extends by 0.5 m ends 1e-6 m before a wall; slightly farther it collides."""
+    """Extend a rod to 1e-6 m before a wall."""
     rod = link("rod", ((1.0, 0.1, 0.1), (0, 0, 0)))
     slide = joint("slide", "foot", "rod", axis=(1, 0, 0), kind="prismatic", limits=(-0.5, 0.5))
     path = written(tmp_path, link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), rod, slide)
-    wall = PosedShape(Robot.box((1.0, 1.0, 1.0)).shape, at(1.5 + 1e-6, 0, 0))
+    wall = posed_box((1.0, 1.0, 1.0), 1.5 + 1e-6, 0, 0)
     space = build_arm_space({"wall": wall}, Arm.from_urdf(path))
     assert space.is_free((0.5,))
     assert space.classify((0.5 + HAIR,)) == BLOCKED
@@ -278,7 +273,7 @@ def test_queries_beyond_a_limit_hold_for_the_given_configuration(tmp_path: Path)
 
 
 def distances_to_bars(q: Any, point: Any) -> Any:
-    """Return distances, shape (n,), of a point at z = 0 to the two bars of ``planar``, by separate kinematics."""
+    """Return distances (n,) from a point to the bars."""
     shoulder, elbow = np.asarray(q).T
     angles, origins = (shoulder, shoulder + elbow), (np.zeros_like(shoulder), np.exp(1j * shoulder))
     gaps = []
@@ -303,10 +298,10 @@ ANGLE = st.floats(-8.0, 8.0)
 def test_certified_motions_turn_continuous_joints_the_shorter_way(
     tmp_path: Path, q0: Any, turn: float, elbow: float, radius: float, direction: float
 ) -> None:
-    """A small ball lies on the shorter motion, or not; the motion of wrapped angles is refused."""
+    """Place a small ball on or beside the shorter motion."""
     arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     point = radius * np.cos(direction), radius * np.sin(direction)
-    ball = {"ball": PosedShape(Robot.ball(0.1).shape, at(*point, 0.0))}
+    ball = {"ball": PosedShape(Robot.ball(0.1).shape, pose_at(*point, 0.0))}
     space = build_arm_space(ball, arm, allowed_collisions=[("foot", "ball")])
     q1 = (q0[0] + turn, elbow)
     near = distances_to_bars(np.linspace(q0, q1, 2000), point).min()

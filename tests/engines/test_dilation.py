@@ -1,4 +1,4 @@
-"""The engine by dilation: runs of offsets, and words of cells."""
+"""The engine by dilation of bitmaps."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_dilation_in_threads_equals_dilation_in_one(outside):
 
 
 def test_a_run_does_not_reach_into_the_next_row():
-    """The run reaches far beyond one end of a row, and not beyond the other."""
+    """Put a run far beyond one end of a row."""
     occupied = np.zeros((5, 64), dtype=bool)
     occupied[1:, :9] = True
     (hit,), _ = collide(dilation, occupied, [Raster.from_bitmap(np.ones((1, 60), bool), (0, 0))], False)
@@ -50,5 +50,5 @@ def test_memory_covers_the_map_and_its_padding():
     raster = Raster.from_bitmap(np.ones((21, 65), bool), (-10, -32))
     assert (
         dilation.bytes_needed((1000, 640), [raster]) == 1021 * 84
-    )  # consecutive rows share 32 cells of padding, and one row more is read
+    )  # rows share 32 cells of padding, and one more row is read
     assert dilation.bytes_needed((1000, 640), [Raster.from_bitmap(np.zeros((1, 1), bool), (0, 0))]) == 0

@@ -1,4 +1,4 @@
-"""Both engines against plain sums and against each other."""
+"""Both engines, against plain sums and each other."""
 
 import threading
 
@@ -18,7 +18,7 @@ both = pytest.mark.parametrize("engine", list(ENGINES.values()), ids=list(ENGINE
 
 @st.composite
 def problems(draw, dim=None, side=9, across=7):
-    """Draw a bitmap, a raster and the exterior, in the plane or in space.
+    """Draw a bitmap, a raster and the exterior.
 
     Some offsets reach beyond the map.
     """
@@ -50,7 +50,7 @@ def test_engines_count_what_the_sum_counts(engine, problem):
 @settings(max_examples=40)
 @given(seeds, st.integers(2, 3))
 def test_engines_agree_with_each_other(seed, dim):
-    """Covers boundaries of words and tiles, long runs, several rasters in one call, and threads."""
+    """Cross words and tiles, by many rasters and threads."""
     rng = np.random.default_rng(seed)
     largest, across = {2: (300, 60), 3: (60, 14)}[dim]
     occupied = rng.random(rng.integers(1, largest, dim)) < rng.choice([0.0005, 0.05, 0.5, 1.0])

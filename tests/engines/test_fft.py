@@ -1,4 +1,4 @@
-"""Engine by transforms: its tilings, and the exactness of its sums."""
+"""The engine by transforms: tilings and exact sums."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def check(occupied, rasters, outside):
 
 @pytest.mark.parametrize(("axis", "outside"), [(0, True), (1, False), (2, True)])
 def test_tiles_with_constant_lines_are_exact(axis, outside):
-    """All lines of inner tiles along two axes are all obstacle or all free."""
+    """Fill all lines of inner tiles, or none."""
     occupied = np.zeros((200, 200, 200), dtype=bool)
     np.moveaxis(occupied, axis, 0)[[3, 70, 71, 72, 90, 149, 197]] = True
     raster = Raster.from_bitmap(np.indices((3, 4, 5)).prod(axis=0) == 4, (-1, -2, 1))
@@ -48,7 +48,7 @@ def test_tiles_with_constant_lines_are_exact(axis, outside):
 @settings(max_examples=20)
 @given(seeds)
 def test_correlation_is_exact_for_slabs_bars_and_boxes(seed):
-    """Some lines and layers are all obstacle or all free."""
+    """Fill some lines and layers with obstacles, or with none."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(30, 110, 3), dtype=bool)
     for _ in range(rng.integers(1, 4)):
@@ -62,7 +62,7 @@ def test_correlation_is_exact_for_slabs_bars_and_boxes(seed):
 @settings(max_examples=12)
 @given(seeds)
 def test_tiles_that_share_a_transform_are_exact(seed):
-    """The overlaps of several tiles, some of them constant, are digits of one sum."""
+    """Encode overlaps of tiles as digits of one sum."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(300, 500, 2), dtype=bool)
     for _ in range(rng.integers(1, 6)):
@@ -83,7 +83,7 @@ def test_tiles_that_share_a_transform_are_exact(seed):
 @settings(max_examples=8)
 @given(seeds)
 def test_rasters_that_share_a_transform_are_exact(seed):
-    """The overlaps of several rasters are digits of one sum, over many tiles."""
+    """Encode overlaps of rasters as digits of one sum."""
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(150, 300, 2)) < rng.choice([0.001, 0.05, 1.0])
     shares = rng.choice([0.1, 1.0], rng.integers(9, 14))
@@ -120,7 +120,7 @@ def test_float64_is_used_if_float32_is_not_proven():
 @settings(max_examples=20)
 @given(seeds, st.sampled_from([64, 90, 128, 240, 256]))
 def test_the_error_stays_below_its_bound(seed, length):
-    """Tries random and aligned inputs, with transforms as the engine runs them."""
+    """Try random and aligned inputs."""
     rng = np.random.default_rng(seed)
     robot = rng.random((length // 3, length // 3)) < rng.choice([0.1, 1.0])
     tile = (rng.random((length, length)) < 0.5) - np.float32(0.5)
@@ -150,7 +150,7 @@ def test_transforms_have_fast_lengths(least):
 
 
 def test_tiles_fit_the_cache_and_the_robot():
-    """A small robot on a large map gets small tiles; a robot as large as the map gets one tile."""
+    """Test small and large robots on a map."""
     small = choose_tiling((4096, 4096), (65, 65), 3000)
     assert all(4 * 65 <= length <= 1024 for length in small.tile)
     assert choose_tiling((100, 100), (100, 100), 7000).step >= (100, 100)
@@ -171,7 +171,7 @@ def test_robot_spectra_larger_than_their_memory_are_transformed_in_rounds(monkey
             assert (hit == (overlaps_by_shifts(occupied, raster, True) > 0)).all()
 
 
-def test_transforms_cost_more_the_larger_they_are():
+def test_transforms_cost_more_if_they_are_larger():
     for precision, known in SECONDS_PER_POINT.items():
         seconds = [transform_seconds(2**k, precision) for k in range(8, 35)]
         assert (np.diff(seconds) > 0).all()

@@ -54,7 +54,7 @@ def test_clip_keeps_the_part_in_the_box(seed):
 @settings(max_examples=80)
 @given(st.lists(stars(2.0), min_size=1, max_size=3), seeds, st.booleans())
 def test_boundary_of_a_clipped_polygon_agrees_with_shapely(corners, seed, rounded):
-    """Includes caps; corners may lie on the boundary of the grid."""
+    """Include caps, and corners on the boundary of the grid."""
     rng = np.random.default_rng(seed)
     shift = rng.uniform(-1, 2, (len(corners), 2))
     polygons = [shapely.Polygon(part + by) for part, by in zip(corners, shift, strict=True)]

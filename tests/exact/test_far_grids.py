@@ -1,4 +1,4 @@
-"""Exact queries on grids as far from the origin as allowed, against rational arithmetic and shapely."""
+"""Exact queries at the largest allowed coordinates."""
 
 from fractions import Fraction
 
@@ -20,7 +20,7 @@ RADIUS = 0.37
 
 
 def farthest_lower(signs, spacing):
-    """Return the lower corner of a grid whose outermost cells end at the largest allowed coordinate."""
+    """Return the lower corner of the farthest allowed grid."""
     last = MAX_COORDINATE - CELLS - 1
     return np.where(np.array(signs) > 0, last, -last - CELLS) * spacing
 

@@ -1,4 +1,4 @@
-"""Exact queries in the plane, against shapely along edges and against cases solved by hand."""
+"""Exact queries in the plane, against shapely."""
 
 import math
 from dataclasses import replace
@@ -13,59 +13,45 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
 from handmade import fill_boxes
-from placements import obstacles_of
+from placements import ORACLE_BAND, draw_near_mixed, obstacles_of
 from strategies import robots, seeds, stars
-from tests.soak.plane import moved
+from tests.soak.plane import move_points
 
 SIDE = 0.6
-BAND = 1e-6
-"""Metres around the margin in which the answers of shapely are not compared."""
 
 
 def corridor(share):
-    """Return two blocks with a corridor along x at y = 2, ``share`` times as wide as the robot."""
+    """Build a corridor along x, ``share`` robots wide."""
     half = SIDE * share / 2
     blocks = [shapely.box(2, 0, 4, 2 - half), shapely.box(2, 2 + half, 4, 4)]
     return Workspace.from_polygons(blocks, SIDE / 5, (0, 0, 6, 4))
 
 
 def distances(space, q, shape):
-    """Return distances of the robot at configurations, shape (n, size), from the obstacles; negative inside for
-    discs.
-    """
+    """Return distances from obstacles, negative for discs inside."""
     q = np.asarray(q, dtype=float).reshape(-1, space.size)
     if shape.is_empty:
         return np.full(len(q), np.inf)
     body = space.robot.shape
     if isinstance(body, Balls):
-        centers = shapely.points(moved(body.centers, q))
+        centers = shapely.points(move_points(body.centers, q))
         return (shapely.distance(centers, shape) - body.radii).min(axis=1)
     robot = body.outline
-    where = moved(shapely.get_coordinates(robot), q).reshape(-1, 2)
+    where = move_points(shapely.get_coordinates(robot), q).reshape(-1, 2)
     return shapely.distance(shapely.set_coordinates(np.array([robot] * len(q)), where), shape)
 
 
 def interpolate(q0, q1, n=1000):
-    """Interpolate configurations between two configurations as OMPL does."""
+    """Interpolate between two configurations like OMPL."""
     t = np.linspace(0.0, 1.0, n)[:, None]
     step = np.asarray(q1, dtype=float) - q0
     step[2:] = (step[2:] + np.pi) % (2 * np.pi) - np.pi
     return q0 + t * step
 
 
-def draw(space, rng, n):
-    """Draw configurations in and around the grid, half of them near MIXED cells."""
-    q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 2))
-    cells = np.argwhere(space._kernel_map.states == MIXED)
-    if len(cells):
-        chosen = cells[rng.integers(len(cells), size=n // 2)]
-        q[: n // 2] = space.grid.lower + space.grid.spacing * (chosen[:, 1:] + rng.random((n // 2, 2)))
-    return q if space.size == 2 else np.column_stack([q, rng.uniform(-9.0, 9.0, n)])
-
-
 @st.composite
 def workspaces(draw):
-    """Draw grid maps, and polygons, lines and points, some of them beyond the bounds."""
+    """Draw grids, or polygons, lines and points."""
     rng = np.random.default_rng(draw(seeds))
     low = rng.uniform(-3, 3, 2)
     if draw(st.booleans()):
@@ -95,12 +81,12 @@ def spaces(draw):
 @settings(max_examples=40)
 @given(spaces(), seeds)
 def test_points_agree_with_shapely(space, seed):
-    q = draw(space, np.random.default_rng(seed), 300)
+    q = draw_near_mixed(space, np.random.default_rng(seed), 300)
     shape = obstacles_of(space)
     free, spare = space.is_free(q, exact=True), distances(space, q, shape) - space.margin
     assert not (free & (spare <= 0.0)).any()
     state = space.classify(q)
-    decided = (np.abs(spare) > BAND) & (state != BLOCKED)
+    decided = (np.abs(spare) > ORACLE_BAND) & (state != BLOCKED)
     np.testing.assert_array_equal(free[decided], spare[decided] > 0.0)
     assert free[state == FREE].all() and not free[state == BLOCKED].any()
 
@@ -109,7 +95,7 @@ def test_points_agree_with_shapely(space, seed):
 @given(spaces(), seeds)
 def test_free_edges_never_collide(space, seed):
     rng = np.random.default_rng(seed)
-    q0 = draw(space, rng, 60)
+    q0 = draw_near_mixed(space, rng, 60)
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (60, 1))
     q1[::5, 2:] = q0[::5, 2:]
     q1[1::9, :2] = q0[1::9, :2]
@@ -120,11 +106,11 @@ def test_free_edges_never_collide(space, seed):
         least = distances(space, interpolate(first, last, 1000 if proven else 60), shape).min() - space.margin
         if proven:
             assert least > 0.0
-        else:  # an edge that is not proven comes close to an obstacle, within 1 % of its length
-            assert least < 0.01 * (np.abs(last - first).sum() + 1.0) + BAND
+        else:  # the edge comes closer to an obstacle than 1 % of its length
+            assert least < 0.01 * (np.abs(last - first).sum() + 1.0) + ORACLE_BAND
 
 
-# ---- cases that paper and pencil decide ------------------------------------------------------------------------------
+# ---- cases solved by hand --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turns", [None, 36, 72])
@@ -142,7 +128,7 @@ def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
 
 @pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12])
 def test_corridor_as_wide_as_the_robot_is_blocked(share):
-    """So is a corridor that is wider by less than the allowance for rounding."""
+    """Include a corridor wider by the allowed rounding."""
     space = cspace.build(corridor(share), Robot.rectangle(0.9, SIDE))
     assert not space.motion_is_free([1.0, 2.0], [5.0, 2.0], exact=True)
     assert not space.is_free([3.0, 2.0], exact=True)
@@ -150,7 +136,10 @@ def test_corridor_as_wide_as_the_robot_is_blocked(share):
 
 @pytest.mark.parametrize("angle", [0.01, 0.02])
 def test_rectangle_rotates_as_far_as_a_corridor_allows(angle):
-    """A rectangle rotated by a reaches (length sin a + width cos a) / 2 to each side."""
+    """Rotate a rectangle by a small angle a.
+
+    It reaches (length sin a + width cos a) / 2 to each side.
+    """
     length, height = 0.9, SIDE * 1.02
     fits = length * math.sin(angle) + SIDE * math.cos(angle) < height
     space = cspace.build(corridor(1.02), Robot.rectangle(length, SIDE), rotations=72)
@@ -163,7 +152,7 @@ def test_rectangle_rotates_as_far_as_a_corridor_allows(angle):
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("center", [(0.0, 0.0), (0.3, -0.1)])
 def test_discs_are_exactly_round(outside, margin, center):
-    """Test around a point obstacle and beside a wall of the map, exact to 1e-6 m."""
+    """Test around a point and beside a wall."""
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
     space = cspace.build(workspace, Robot.disc(0.25, center), outside=outside, margin=margin)
     for angle in np.linspace(0, 7, 50):
@@ -196,7 +185,7 @@ def test_touching_counts_as_collision():
 
 
 def test_containment_counts_as_collision():
-    """Distant boundaries prove nothing: a robot in a block, a pillar in a robot, and a pillar in its hole."""
+    """Put robots into obstacles, and obstacles into robots and holes."""
     block = cspace.build(
         Workspace.from_polygons(shapely.box(1, 1, 5, 5), 0.5, (0, 0, 6, 6)), Robot.disc(0.3), inner=False
     )
@@ -238,7 +227,7 @@ def test_thin_robot_never_jumps_over_a_thin_obstacle(angle):
 
 
 def test_edges_find_the_end_of_a_long_wall():
-    """A wall is indexed by its center, far from its end."""
+    """Test walls whose indexed centers are far from their ends."""
     rng = np.random.default_rng(0)
     tip = rng.uniform(3.0, 5.0, 100)
     walls = [shapely.LineString([(x, y), (x + 4.0, y)]) for x, y in zip(tip, 2.0 * np.arange(100) + 1.0, strict=True)]
@@ -268,7 +257,7 @@ def test_obstacles_are_clipped_to_the_bounds():
     ],
 )
 def test_denormal_bounds_clip_like_zero(corners, low):
-    """GEOS clips wrongly if a bound is denormal."""
+    """Test bounds at which GEOS would clip wrongly."""
     triangle = shapely.Polygon(corners)
     workspace = Workspace.from_polygons(triangle, 0.1, (0, low, 3, 3))
     space = cspace.build(workspace, Robot.disc(0.004), outside="free", inner=False)
@@ -277,7 +266,7 @@ def test_denormal_bounds_clip_like_zero(corners, low):
     gap = shapely.distance(triangle.intersection(shapely.box(0, 0, 3, 3)), shapely.points(q)) - 0.004
     free = space.is_free(q, exact=True)
     assert not free[gap <= 0.0].any()
-    assert free[gap > BAND].all()
+    assert free[gap > ORACLE_BAND].all()
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
@@ -287,7 +276,7 @@ def test_ball_obstacles_are_exactly_round(outside):
     cells = Workspace.from_balls(centers, radii, 0.1, (0, 0, 4, 4))
     workspace = replace(cells, shapes=(Balls(centers, radii),))
     space = cspace.build(workspace, Robot.rectangle(0.3, 0.2), rotations=12, outside=outside)
-    q = draw(space, rng, 2000)
+    q = draw_near_mixed(space, rng, 2000)
     corners = np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)])
     angle = np.exp(1j * q[:, 2])[:, None] * (corners[:, 0] + 1j * corners[:, 1])
     placed = np.stack([angle.real + q[:, :1], angle.imag + q[:, 1:2]], axis=-1)
@@ -296,12 +285,12 @@ def test_ball_obstacles_are_exactly_round(outside):
         gap = np.minimum(gap, np.minimum(placed, 4.0 - placed).min(axis=(1, 2)))
     free, state = space.is_free(q, exact=True), space.classify(q)
     assert not (free & (gap <= 0.0) & (state != FREE)).any()
-    decided = (np.abs(gap) > BAND) & (state == MIXED)
+    decided = (np.abs(gap) > ORACLE_BAND) & (state == MIXED)
     np.testing.assert_array_equal(free[decided], gap[decided] > 0.0)
 
 
 def test_half_turns_are_proven_along_both_arcs():
-    """A bar beside a wall can rotate on one side only."""
+    """Rotate a bar beside a wall, which blocks one arc."""
     wall = Workspace.from_polygons(shapely.box(0, 0, 6, 1), 0.25, (0, 0, 6, 4))
     space = cspace.build(wall, Robot.rectangle(0.8, 0.1, center=(0.4, 0.0)), rotations=36)
     assert space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, 3.1], exact=True)

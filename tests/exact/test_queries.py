@@ -1,4 +1,4 @@
-"""Exact queries of every space: batches, checkers, threads, refusals and real data."""
+"""Exact queries of every space: batches, checkers, threads and refusals."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +14,7 @@ from cspace import MIXED, InputError, Robot, Rotations, Workspace
 from cspace.map.contents import Contents
 from cspace.shapes import Polygons
 from handmade import configurations
+from placements import draw_near_mixed
 
 
 def plane(rotations=None):
@@ -27,7 +28,7 @@ def spatial(robot, **options):
     return cspace.build(workspace, robot, **options)
 
 
-SPACES = {
+EXACT_SPACES = {
     "plane": plane,
     "turning": lambda: plane(24),
     "box": lambda: spatial(Robot.box((0.3, 0.2, 0.3))),
@@ -38,32 +39,22 @@ SPACES = {
 }
 
 
-@pytest.fixture(scope="module", params=SPACES)
+@pytest.fixture(scope="module", params=EXACT_SPACES)
 def make(request):
-    return SPACES[request.param]
-
-
-def draw(space, rng, n):
-    """Draw configurations in and around the grid, half of them in MIXED cells."""
-    d = space.grid.dim
-    q = rng.uniform(np.subtract(space.grid.lower, 0.1), np.add(space.grid.upper, 0.1), (n, d))
-    cells = np.argwhere(space.classify(centers(space)) == MIXED)
-    chosen = cells[rng.integers(len(cells), size=n // 2)][:, -d:]
-    q[: n // 2] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))
-    return configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, len(space.rotations.names)))]))
+    return EXACT_SPACES[request.param]
 
 
 def centers(space):
     """Return the centers of all cells at the first rotation."""
-    middles = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
-    middles = np.column_stack([middles, np.tile(space.rotations.centers[0], (len(middles), 1))])
-    return middles.reshape(*space.grid.shape, space.size)
+    q = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
+    q = np.column_stack([q, np.tile(space.rotations.centers[0], (len(q), 1))])
+    return q.reshape(*space.grid.shape, space.size)
 
 
 def test_batches_checkers_and_threads_agree_with_single_queries(make):
     space, other = make(), make()
     rng = np.random.default_rng(1)
-    q0 = draw(space, rng, 300)
+    q0 = draw_near_mixed(space, rng, 300, around=0.1)
     q1 = configurations(space, q0 + rng.normal(0.0, 0.2, q0.shape))
     free, edges = space.is_free(q0, exact=True), space.motion_is_free(q0, q1, exact=True)
     assert 0 < free.sum() < 300 and 0 < edges.sum() < 300
@@ -86,7 +77,7 @@ def test_batches_checkers_and_threads_agree_with_single_queries(make):
 
 def test_containment_does_not_depend_on_the_batch_size(make, monkeypatch):
     space, other = make(), make()
-    q = draw(space, np.random.default_rng(2), 60)
+    q = draw_near_mixed(space, np.random.default_rng(2), 60, around=0.1)
     free = space.is_free(q, exact=True)
     monkeypatch.setattr("cspace.exact.proofs.ANCHORS_PER_BATCH", 0)
     np.testing.assert_array_equal(other.is_free(q, exact=True), free)
@@ -110,9 +101,8 @@ def test_decided_cells_need_no_geometry(make):
     slices = space.rotations._slices_for(space.robot.shape)
     states = space.cell_states.reshape(-1, *space.grid.shape)[np.unique(slices, return_index=True)[1]]
     of = space.workspace, space.robot, space.rotations, slices, states
-    silent = cspace.CSpace(
-        Contents(*of, margin=space.margin, prove=lambda problem: None)
-    )  # proofs are None, so any query beyond the cells fails
+    # Proofs are None, so that any query beyond the cells fails.
+    silent = cspace.CSpace(Contents(*of, margin=space.margin, prove=lambda problem: None))
     np.testing.assert_array_equal(silent.is_free(q, exact=True), space.classify(q) == cspace.FREE)
     assert silent.motion_is_free(*(q[through] for q in edges), exact=True).all()
 
@@ -137,7 +127,7 @@ def test_queries_refuse_shapes_that_depend_on_the_spacing():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_everything_is_free_without_obstacles(dim):
+def test_only_the_walls_collide_without_obstacles(dim):
     robot = Robot.box((0.3, 0.3, 0.3)) if dim == 3 else Robot.rectangle(0.3, 0.3)
     space = cspace.build(Workspace.from_array(np.zeros((5,) * dim, dtype=bool), 0.2), robot)
     assert space.is_free([0.15 + 1e-9, *[0.5] * (dim - 1)], exact=True)
@@ -148,7 +138,7 @@ def test_everything_is_free_without_obstacles(dim):
 
 @pytest.mark.parametrize("mesh", [False, True])
 def test_ztunnel_agrees_with_boxes(data, mesh):
-    """The scene consists of nine axis-aligned boxes and a cube, so that it can be solved by hand."""
+    """Test a real scene of boxes."""
     folder = data / "solids" / "ZTunnel"
     obstacles = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
     boxes = np.array([part.bounds for part in obstacles.split(only_watertight=False)])
@@ -168,7 +158,7 @@ def test_ztunnel_agrees_with_boxes(data, mesh):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_obstacles_end_at_the_bounds_of_the_grid(dim):
-    """One ball of the robot lies beyond the grid, where an obstacle would continue; another is close to it inside."""
+    """Put a ball of the robot beyond a clipped obstacle."""
     bounds = [0.0] * dim + [6.0] * dim
     if dim == 2:
         workspace = Workspace.from_polygons([shapely.box(2, 2, 4, 10)], 0.25, bounds)

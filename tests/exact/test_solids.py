@@ -1,4 +1,4 @@
-"""Exact queries in space, against boxes and balls solved by hand, manifold3d, and FCL."""
+"""Exact queries in space, against arithmetic, manifold3d and FCL."""
 
 import math
 from itertools import product
@@ -16,24 +16,21 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes.mesh import Mesh
 from handmade import fill_boxes, map_in
+from placements import ORACLE_BAND, draw_near_mixed
 from solids import surface, turn_of
 from strategies import seeds
 from tests.soak.solids import Blocks, Pair, Walls
-
-BAND = 1e-6
-"""Metres around the margin in which the answers of oracles are not compared."""
-
 
 # ---- oracles ---------------------------------------------------------------------------------------------------------
 
 
 def boxes_mesh(boxes):
-    """Return boxes, given by lower and upper corners, as one mesh."""
+    """Unite boxes (lower, upper) in one mesh."""
     return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in np.reshape(boxes, (-1, 2, 3))])
 
 
 def gaps_of(space, robot, obstacles):
-    """Return a function from positions to (distance - margin), at most zero at collisions."""
+    """Return a function from positions to (distance - margin)."""
     pairs = [Pair.of(robot, obstacles)]
     if space.outside == "blocked":
         pairs.append(Walls(robot, (np.array(space.grid.lower), np.array(space.grid.upper))))
@@ -41,39 +38,32 @@ def gaps_of(space, robot, obstacles):
 
 
 def check_points(space, q, spare):
-    """Fail unless points are free exactly where the slack is positive."""
+    """Fail unless points are free at positive slack."""
     free, state = space.is_free(q, exact=True), space.classify(q)
     assert not (free & (spare <= 0.0)).any()
     assert free[state == FREE].all() and not free[state == BLOCKED].any()
-    decided = np.abs(spare) > BAND
+    decided = np.abs(spare) > ORACLE_BAND
     np.testing.assert_array_equal(free[decided], spare[decided] > 0.0)
     return free
 
 
 def check_edges(space, q0, q1, gaps):
-    """Fail unless every proven edge keeps its distance at 1000 points, and most other edges come close."""
+    """Fail unless proven edges keep their distance.
+
+    Other edges must come close to obstacles.
+    """
     free, by_map = space.motion_is_free(q0, q1, exact=True), space.motion_is_free(q0, q1)
     assert free[by_map].all()
     for first, last, proven in zip(q0, q1, free, strict=True):
         way = first + np.linspace(0.0, 1.0, 1000 if proven else 100)[:, None] * (last - first)
         least = gaps(way).min()
-        assert least > 0.0 if proven else least < 0.02 * np.linalg.norm(last - first) + BAND
+        assert least > 0.0 if proven else least < 0.02 * np.linalg.norm(last - first) + ORACLE_BAND
     return free
-
-
-def near_mixed(space, rng, n):
-    """Draw positions in MIXED cells, and some anywhere in and around the grid."""
-    q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 3))
-    cells = np.argwhere(space.cell_states == MIXED)
-    if len(cells):
-        chosen = cells[rng.integers(len(cells), size=3 * n // 4)]
-        q[: len(chosen)] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))
-    return q
 
 
 @st.composite
 def box_worlds(draw):
-    """Draw boxes in a grid, its corner and a generator."""
+    """Draw boxes, the corner of a grid, and a generator."""
     rng = np.random.default_rng(draw(seeds))
     corner = rng.uniform(-2, 2, 3)
     low = corner + rng.uniform(-0.2, 2.2, (int(rng.integers(1, 6)), 3))
@@ -84,7 +74,7 @@ def box_worlds(draw):
 # ---- against boxes and balls -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.filterwarnings("ignore:the obstacles reach")  # and may all lie beyond the bounds
+@pytest.mark.filterwarnings("ignore:the obstacles reach")
 @settings(max_examples=15)
 @given(box_worlds(), st.sampled_from(["blocked", "free"]), st.sampled_from([0.0, 0.07]), st.booleans())
 def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
@@ -97,7 +87,7 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
     size, center = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.3, 0.3, 3)
     space = cspace.build(workspace, Robot.box(size, center), outside=outside, margin=margin, inner=inner)
     gaps = gaps_of(space, Blocks.boxes([center - size / 2, center + size / 2]), Blocks.boxes(boxes))
-    q0 = near_mixed(space, rng, 150)
+    q0 = draw_near_mixed(space, rng, 150, share=0.75)
     check_points(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (150, 1))
     q1[::7, :2] = q0[::7, :2]
@@ -107,7 +97,7 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
 @settings(max_examples=15)
 @given(seeds, st.sampled_from(["box", "ball", "balls"]), st.sampled_from([0.0, 0.05]), st.booleans())
 def test_robots_among_balls_agree_with_arithmetic(seed, kind, margin, points):
-    """Robots of each kind move among balls or points, and the walls of the grid."""
+    """Move robots of each kind among balls or points."""
     rng = np.random.default_rng(seed)
     centers, radii = rng.uniform(0.2, 1.8, (9, 3)), np.zeros(9) if points else rng.uniform(0.02, 0.3, 9)
     workspace = Workspace.from_balls(centers, radii, 0.1, (0, 0, 0, 2, 2, 2))
@@ -120,7 +110,7 @@ def test_robots_among_balls_agree_with_arithmetic(seed, kind, margin, points):
     }[kind]
     space = cspace.build(workspace, robot, margin=margin)
     gaps = gaps_of(space, body, Blocks.balls(centers, radii))
-    q0 = near_mixed(space, rng, 150)
+    q0 = draw_near_mixed(space, rng, 150, share=0.75)
     check_points(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
     check_edges(space, q0[:25], q1[:25], gaps)
@@ -136,7 +126,7 @@ def test_ball_among_boxes_agrees_with_arithmetic(seed, margin):
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.2, center), margin=margin)
     gaps = gaps_of(space, Blocks.balls(center[None], np.array([0.2])), Blocks.boxes(boxes))
-    q0 = near_mixed(space, rng, 200)
+    q0 = draw_near_mixed(space, rng, 200, share=0.75)
     check_points(space, q0, gaps(q0))
     check_edges(space, q0[:40], q0[:40] + rng.normal(0.0, 0.3, (40, 3)), gaps)
 
@@ -153,7 +143,7 @@ def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
     boxes = low + 0.1 * (np.argwhere(world)[:, None] + np.array([[0], [1]]))
     parts = lower + side * (np.argwhere(body)[:, None] + np.array([[0], [1]]))
     gaps = gaps_of(space, Blocks.boxes(parts), Blocks.boxes(boxes))
-    q0 = near_mixed(space, rng, 150)
+    q0 = draw_near_mixed(space, rng, 150, share=0.75)
     check_points(space, q0, gaps(q0))
     check_edges(space, q0[:20], q0[:20] + rng.normal(0.0, 0.15, (20, 3)), gaps)
 
@@ -168,12 +158,12 @@ def manifold_of(mesh):
 
 
 def round_to_single(mesh):
-    """Round the coordinates of a mesh so that single precision holds them."""
+    """Round the coordinates of a mesh to single precision."""
     return trimesh.Trimesh(np.round(mesh.vertices * 1024) / 1024, mesh.faces, process=False)
 
 
 def blob(rng, size):
-    """Return a closed, non-convex mesh: a ball with dents, or a torus."""
+    """Draw a dented ball or a torus."""
     if rng.random() < 0.5:
         mesh = trimesh.creation.icosphere(2 if size > 0.5 else 1, size)
         mesh.vertices *= rng.uniform(0.6, 1.0, len(mesh.vertices))[:, None]
@@ -201,21 +191,21 @@ def test_meshes_agree_with_manifold3d(seed, margin):
         # min_gap is zero if the meshes meet, and at most the search length, half a metre.
         return np.array([moved.translate(at.tolist()).min_gap(fixed, 0.5) for at in q]) - margin
 
-    q0 = np.round(near_mixed(space, rng, 40) * 1024) / 1024
+    q0 = np.round(draw_near_mixed(space, rng, 40, share=0.75) * 1024) / 1024
     free = check_points(space, q0, gaps(q0))
     assert free.any() and not free.all()
     q1 = q0[:4] + rng.normal(0.0, 0.2, (4, 3))
     for first, last, proven in zip(q0, q1, space.motion_is_free(q0[:4], q1, exact=True), strict=False):
         way = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
         if proven:
-            assert gaps(way).min() > -BAND
+            assert gaps(way).min() > -ORACLE_BAND
         else:
-            most = 0.05 * np.linalg.norm(last - first) + BAND
+            most = 0.05 * np.linalg.norm(last - first) + ORACLE_BAND
             assert any(gaps(part).min() < most for part in np.array_split(way, 20))
 
 
 def test_box_meshes_agree_with_boxes():
-    """A box given as a mesh is decided like the box."""
+    """Compare a box given as a mesh with the box."""
     rng = np.random.default_rng(3)
     low = rng.uniform(0.1, 1.6, (6, 3))
     boxes = np.stack([low, low + 0.25], axis=1)
@@ -223,7 +213,7 @@ def test_box_meshes_agree_with_boxes():
     robot = (np.array([-0.1, -0.2, -0.05]), np.array([0.2, 0.1, 0.15]))
     space = cspace.build(workspace, Robot.from_mesh(trimesh.creation.box(bounds=robot)))
     gaps = gaps_of(space, Blocks.boxes(robot), Blocks.boxes(boxes))
-    q0 = near_mixed(space, rng, 200)
+    q0 = draw_near_mixed(space, rng, 200, share=0.75)
     check_points(space, q0, gaps(q0))
     free = check_edges(space, q0[:60], q0[:60] + rng.normal(0.0, 0.2, (60, 3)), gaps)
     assert free.any() and not free.all()
@@ -231,11 +221,11 @@ def test_box_meshes_agree_with_boxes():
     np.testing.assert_array_equal(space.is_free(q0, exact=True), plain.is_free(q0, exact=True))
 
 
-# ---- cases that paper and pencil decide ------------------------------------------------------------------------------
+# ---- cases solved by hand --------------------------------------------------------------------------------------------
 
 
 def corridor(share, side=0.6):
-    """Return two blocks with a corridor along x at y = 2, ``share`` times as wide as the robot."""
+    """Build a corridor along x, ``share`` robots wide."""
     half = side * share / 2
     blocks = [[[2, 0, 0], [4, 2 - half, 4]], [[2, 2 + half, 0], [4, 4, 4]]]
     return Workspace.from_mesh(boxes_mesh(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4))
@@ -282,7 +272,7 @@ def test_touching_counts_as_collision(robot):
 
 @pytest.mark.parametrize("mesh", [False, True])
 def test_containment_counts_as_collision(mesh):
-    """Distant surfaces prove nothing."""
+    """Put a robot into obstacles, and obstacles into a robot."""
 
     def robot(size):
         return Robot.from_mesh(trimesh.creation.box(size)) if mesh else Robot.box(size)
@@ -304,7 +294,7 @@ def test_containment_counts_as_collision(mesh):
 
 
 def test_hollows_are_free():
-    """A pillar in a hollow robot, and a robot in a hollow obstacle; an open surface has no inside."""
+    """Put a pillar into a robot, and a robot into obstacles."""
     shell, hole = trimesh.creation.box((4, 4, 4)), trimesh.creation.box((2, 2, 2))
     hole.invert()
     hollow = trimesh.util.concatenate([shell, hole])
@@ -367,7 +357,7 @@ def test_denormal_bounds_clip_like_zero(low):
     point = Blocks.balls(np.zeros((1, 3)), np.zeros(1))
     spare = Pair.of(point, Blocks.boxes(np.maximum(boxes, 0.0))).gaps(q) - 0.004
     assert not space.is_free(q, exact=True)[spare <= 0.0].any()
-    away = (q > 0.11).all(axis=1)  # away from the caps, which are faces of outer cells
+    away = (q > 0.11).all(axis=1)  # the caps are faces of outer cells
     check_points(space, q[away], spare[away])
 
 
@@ -381,7 +371,7 @@ def test_far_configurations_are_decided(body, outside):
 
 
 @pytest.mark.parametrize("size", [1e-90, 1e-6, 1e6, 1e90])
-def test_the_unit_of_length_does_not_matter(size):
+def test_results_do_not_depend_on_the_unit_of_length(size):
     half = 0.306 * size
     blocks = np.array([[[2, 0, 0], [4, 2, 4]], [[2, 2, 0], [4, 4, 4]]]) * size
     blocks[0, 1, 1] -= half
@@ -394,7 +384,7 @@ def test_the_unit_of_length_does_not_matter(size):
         assert not space.motion_is_free(np.array([1, 1.993, 2]) * size, np.array([5, 1.993, 2]) * size, exact=True)
 
 
-# ---- robots that turn ------------------------------------------------------------------------------------------------
+# ---- rotating robots -------------------------------------------------------------------------------------------------
 
 TURNS = {"yaw": 8, "any": cspace.Rotations.quaternions(3)}
 
@@ -402,7 +392,7 @@ TURNS = {"yaw": 8, "any": cspace.Rotations.quaternions(3)}
 @pytest.mark.parametrize("turns", TURNS)
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_rotating_robots_agree_with_fcl(outside, turns):
-    """Compare single configurations, and 500 along each proven edge."""
+    """Compare configurations, and 500 along each proven edge."""
     rng = np.random.default_rng(0)
     low = rng.uniform(0.2, 1.6, (5, 3))
     boxes = np.stack([low, low + 0.2], axis=1)
@@ -425,7 +415,7 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
     q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rotations])
     free = space.is_free(q0, exact=True)
     true = gaps(q0[:, :3], np.array([turn_of(q).as_matrix() for q in q0]))
-    decided = np.abs(true) > BAND
+    decided = np.abs(true) > ORACLE_BAND
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
     proven, t = 0, np.linspace(0.0, 1.0, 500)
@@ -444,7 +434,7 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
 
 @pytest.mark.parametrize("turns", TURNS)
 def test_half_turns_are_proven_along_both_arcs(turns):
-    """For a rod beside a post, one of the two arcs is blocked."""
+    """Rotate a rod beside a post, which blocks one arc."""
     workspace = Workspace.from_points([[1.0, 1.5, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
     rod = Robot.box((1.4, 0.1, 0.1), (0.5, 0.0, 0.0))
     space = cspace.build(workspace, rod, rotations=TURNS[turns], outside="free", inner=False)
@@ -460,7 +450,10 @@ def test_half_turns_are_proven_along_both_arcs(turns):
 
 
 def test_rotation_jumps_of_ompl_count_as_whole_arcs():
-    """A far tip meets a ball at the first rotation, which OMPL keeps; a cell is FREE that the tip does not reach."""
+    """Keep the first rotation along the edge, like OMPL.
+
+    A far tip then meets a ball, although the cell of the last rotation is FREE.
+    """
     angles = math.pi / 4 + np.array([-1e-5, 1e-5])
     q0, q1 = (
         np.array([x, 50.0, 50.0, 0.0, 0.0, math.sin(a), math.cos(a)]) for x, a in zip((1.0, 8.0), angles, strict=True)

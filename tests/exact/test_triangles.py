@@ -32,7 +32,7 @@ def clamp(above, below):
 
 
 def squared_segment_distance(p, q, a, b):
-    """Return the squared distance of two segments with integer coordinates, exactly."""
+    """Return the squared distance of segments with integer coordinates, exactly."""
     v, u, w = minus(q, p), minus(b, a), minus(p, a)
     vv, uu, uv, vw, uw = dot(v, v), dot(u, u), dot(u, v), dot(v, w), dot(u, w)
     area = vv * uu - uv * uv
@@ -44,7 +44,7 @@ def squared_segment_distance(p, q, a, b):
 
 
 def is_over_face(p, triangle):
-    """Return True if a point lies over a triangle, along its normal."""
+    """Return True if a point lies over a triangle."""
     n = cross(minus(triangle[1], triangle[0]), minus(triangle[2], triangle[0]))
     sides = [(triangle[k], triangle[(k + 1) % 3]) for k in range(3)]
     return any(n) and all(dot(cross(n, minus(b, a)), minus(p, a)) >= 0 for a, b in sides)
@@ -102,11 +102,11 @@ def triangle_pairs(draw):
         second = first.mean(axis=0) + 1e-5 * second
     elif kind == "over":
         second[0] = first.T @ rng.dirichlet(np.ones(3)) + 1e-4 * np.cross(first[1] - first[0], first[2] - first[0])
-    elif kind == "bare":  # segments and points, and what touches them
+    elif kind == "bare":  # segments and points, some touching
         first[rng.integers(1, 3)] = first[0]
         second[1:] = second[rng.integers(0, 2)]
         second += first.T @ rng.dirichlet(np.ones(3)) - second[0] + rng.choice([0.0, 1e-15, 1e-6]) * rng.normal(size=3)
-    elif kind == "through":  # a point of both, or almost
+    elif kind == "through":  # with a common point, or nearly
         second += first.T @ rng.dirichlet(np.full(3, 0.3)) - second.T @ rng.dirichlet(np.full(3, 0.3))
         second += rng.choice([0.0, 1e-16, 1e-12]) * rng.normal(size=3)
     shift = rng.uniform(-1, 1, 3) * draw(st.sampled_from([0.0, 1.0, 1e3]))
@@ -123,7 +123,7 @@ def share(trees, roots, motion, enough, work):
 
 
 class Pair:
-    """A robot and obstacles; ``work`` is kept, as along an edge."""
+    """A robot and obstacles; ``work`` is reused."""
 
     def __init__(self, robot, obstacles):
         self.trees, roots = build_trees([robot, obstacles], False)
@@ -135,7 +135,10 @@ class Pair:
         return share(self.trees, self.roots, motion, float(enough), self.work)
 
     def distance(self, place=HERE, turn=STILL, enough=np.inf):
-        """Return the distance of the robot at a pose: the free fraction of a motion by one in every direction."""
+        """Return the distance at a pose.
+
+        It is the free fraction of a motion by one in every direction.
+        """
         self.trees.boxes[:, 6] = 1.0
         return self.share(place, turn, angle=1.0, enough=enough)
 
@@ -145,7 +148,7 @@ class Pair:
 
 @settings(max_examples=200)
 @given(triangle_pairs())
-def test_distances_are_never_too_large_and_hardly_too_small(pair):
+def test_distances_are_never_too_large_and_at_most_slightly_too_small(pair):
     square = squared_triangle_distance(*pair)
     size = np.linalg.norm(np.ptp(np.concatenate(pair), axis=0))
     distance = Pair(*(pieces(part[None]) for part in pair)).distance()
@@ -158,18 +161,18 @@ def test_distances_are_never_too_large_and_hardly_too_small(pair):
 @pytest.mark.parametrize("scale", [2.0**-400, 2.0**-150, 2.0**-20, 1.0])
 @pytest.mark.parametrize("beside", [0.0, 1.0])
 def test_touching_triangles_have_no_distance(scale, beside):
-    """Test at the size of the map or tiny, at the origin or beside it."""
+    """Test large and tiny triangles."""
     face = scale * np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
     touching = [
         [[1.0, 1, 0], [1, 1, 3], [2, 1, 3]],  # a corner on the face
         [[2, 2, 0], [3, 3, 1], [3, 3, -1]],  # a corner on an edge
         [[4, 0, 0], [5, 0, 0], [5, 1, 1]],  # a corner on a corner
         [[2, -1, 1], [2, 1, -1], [9, -9, 0]],  # an edge across an edge
-        [[1, 1, -1], [1, 1, 1], [1, 1, 2]],  # no more than an edge, through the face
-        [[1, 1, 0], [1, 1, 0], [1, 1, 0]],  # no more than a point
-        [[0, 0, 0], [4, 0, 0], [0, -4, 0]],  # in one plane, along an edge
-        [[0, 0, 0], [4, 0, 0], [0, 4, 0]],  # the same
-        [[-9, -9, 0], [9, -9, 0], [0, 99, 0]],  # one within the other
+        [[1, 1, -1], [1, 1, 1], [1, 1, 2]],  # an edge through the face
+        [[1, 1, 0], [1, 1, 0], [1, 1, 0]],  # a point
+        [[0, 0, 0], [4, 0, 0], [0, -4, 0]],  # coplanar, along an edge
+        [[0, 0, 0], [4, 0, 0], [0, 4, 0]],  # equal
+        [[-9, -9, 0], [9, -9, 0], [0, 99, 0]],  # one inside the other
     ]
     for other in touching:
         pair = [part + beside for part in (face, scale * np.array(other))]
@@ -229,7 +232,7 @@ def test_trees_find_the_smallest_distance():
 
 
 def test_distances_agree_with_fcl():
-    """Compare two meshes of some thousand triangles each, at random poses."""
+    """Compare two meshes of some thousand triangles at random poses."""
 
     def model(triangles):
         return solids.surface(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
@@ -268,7 +271,7 @@ def test_distance_is_right_beside_nearly_parallel_edges() -> None:
 
 @kernel
 def cross_pairs(pairs, required, out):
-    """Fill ``out`` with whether pairs of triangles, shape (n, 2, 3, 3), are proven to cross."""
+    """Test which triangles (n, 2, 3, 3) are proven to cross."""
     for n in range(len(pairs)):
         a, b = pairs[n, 0], pairs[n, 1]
         one = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
@@ -279,7 +282,7 @@ def cross_pairs(pairs, required, out):
 @pytest.mark.parametrize("required", [1e-12, 1e-3])
 @pytest.mark.parametrize("case", ["any", "slivers", "touching", "one plane"])
 def test_crosses_is_right_for_any_rounding(case, required):
-    """Includes near-degenerate triangles: flat, long, touching, or nearly coplanar."""
+    """Include nearly degenerate triangles: flat, long, touching or coplanar."""
     rng = np.random.default_rng(7)
     number = 300
     pairs = rng.normal(size=(number, 2, 3, 3)) * 10.0 ** rng.uniform(-1.5, 0.5, (number, 2, 1, 1))

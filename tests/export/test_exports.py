@@ -1,4 +1,4 @@
-"""Exports: boundary meshes, VTK images, GeoTIFF, netCDF and ROS maps."""
+"""Exports: boundary meshes, VTK images, GeoTIFF, netCDF, ROS maps."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -45,7 +45,10 @@ def bordered(
 
 
 def squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Return twice the center and the outward normal of each boundary square, by brute force."""
+    """Return boundary squares by brute force.
+
+    Each is twice its center, and its outward normal.
+    """
     free = {tuple(cell.tolist()) for cell in np.argwhere(state == cspace.FREE)}
     normals = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
     return Counter(
@@ -92,7 +95,10 @@ def test_the_boundary_encloses_the_volume_of_the_free_cells(state: np.ndarray, s
 
 @pytest.fixture(scope="module")
 def ball() -> cspace.CSpace:
-    """Make a map of a ball among voxels; no two FREE cells touch only in an edge."""
+    """Build a map of a ball among voxels.
+
+    No two FREE cells touch only in an edge.
+    """
     cells = np.zeros((20, 18, 16), dtype=bool)
     cells[4:9, 5:8, 3:12] = cells[13, 12, 8] = True
     workspace = cspace.Workspace.from_array(cells, 0.1, (-0.7, 3.0, 0.3))
@@ -181,7 +187,7 @@ def test_a_map_without_a_boundary_is_refused(
 
 
 def read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
-    """Read an image and its cell arrays with VTK, indexed in the order of the coordinates."""
+    """Read an image and its cell arrays by VTK."""
     reader = vtkXMLImageDataReader()
     assert reader.CanReadFile(str(path))
     reader.SetFileName(str(path))
@@ -300,7 +306,7 @@ def test_a_ros_map_is_plane_and_a_whole_map_takes_no_yaw(tmp_path: Path, ball: c
 
 
 def of_cells(space: cspace.CSpace) -> Any:
-    """Return the cell centers, row by row from the highest y, shape (ny, nx, 2)."""
+    """Return cell centers (ny, nx, 2) from the top down."""
     x, y = (space.grid.centers(axis) for axis in range(2))
     return np.stack(np.meshgrid(x, y[::-1]), axis=-1)
 

@@ -1,4 +1,4 @@
-"""Outputs are complete or absent, and no existing file is lost."""
+"""Outputs, complete or absent."""
 
 import os
 import shutil
@@ -30,7 +30,7 @@ def names(folder: Path) -> list[str]:
 
 
 def fill(path: Path, text: str, folder: bool) -> Path:
-    """Write a file, or a folder with a file; return the file."""
+    """Write a file, or a folder with a file."""
     if folder:
         path.mkdir()
         path /= "text"
@@ -98,7 +98,7 @@ def test_an_output_of_another_process_is_kept(tmp_path: Path) -> None:
 def test_a_failed_rename_leaves_the_old_or_the_new_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, remaining: str, stop: BaseException
 ) -> None:
-    """Interrupt each of two renames, and the moment after the second."""
+    """Interrupt both renames, and the moment after."""
     path = tmp_path / "map"
     write_folder(path, "old")
     rename, calls = os.rename, 0

@@ -1,4 +1,4 @@
-"""Zarr arrays are read like zarr does, or refused in one line before they take memory."""
+"""Zarr arrays, read like zarr or refused."""
 
 import gzip
 import json
@@ -37,7 +37,7 @@ ENOUGH = 2**23
 
 @contextmanager
 def little(memory: int = ENOUGH, seconds: int = 20) -> Iterator[None]:
-    """Fail if a block takes more memory, in bytes, or time."""
+    """Fail if a block takes more bytes or seconds."""
 
     def late(*about: object) -> None:
         raise TimeoutError
@@ -54,8 +54,8 @@ def little(memory: int = ENOUGH, seconds: int = 20) -> Iterator[None]:
 
 
 def refused(open_it: Callable[[], object], message: str) -> None:
-    """Check that a call is refused in one line, with little memory and time."""
-    zarr.create_array({}, shape=1, dtype="bool")  # what is imported at the first call is not counted
+    """Fail unless a call is refused quickly in one line."""
+    zarr.create_array({}, shape=1, dtype="bool")  # do not count imports of the first call
     with little(), pytest.raises(CspaceError, match=message) as caught:
         open_it()
     assert "\n" not in str(caught.value)

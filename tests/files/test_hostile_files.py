@@ -1,4 +1,4 @@
-"""Damaged and malicious files are refused in one line, quickly, before they take memory."""
+"""Damaged and malicious files, refused quickly."""
 
 import json
 import os
@@ -64,7 +64,7 @@ def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dic
 
 
 def refused(path: Path, message: str, **options: Any) -> None:
-    """Check that opening a file fails within seconds, with a one-line error that contains `words`."""
+    """Fail unless a file is refused quickly in one line."""
     began = time.process_time()
     with pytest.raises(CspaceError, match=message) as caught:
         Workspace.open(path, **options)
@@ -248,7 +248,7 @@ def test_limits_can_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
 def test_points_are_limited_by_their_memory_as_objects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, message: str
 ) -> None:
-    """Use points, which take 4 bytes of text but hundreds as objects."""
+    """Use points of 4 bytes of text each."""
     (tmp_path / name).write_text(content)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**6)
     refused(tmp_path / name, message, spacing=0.1)
@@ -275,7 +275,7 @@ def test_blanks_before_a_bracket_are_read_in_linear_time(tmp_path: Path) -> None
 
 
 def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path]) -> None:
-    """Test nested nodes of COLLADA, and scenes of both formats that place a mesh many times."""
+    """Test nested nodes and scenes of repeated meshes."""
     text, shown = families["box.dae"].read_text(), '<instance_geometry url="#g"/>'
 
     def nodes(depth: int, each: int) -> str:
@@ -303,7 +303,7 @@ def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path])
 
 
 def glb_of_places(number: int, children: bool) -> bytes:
-    """Place one triangle many times, by sibling nodes or by nested nodes."""
+    """Place one triangle many times."""
     nodes = [{"mesh": 0, **({"children": [i + 1]} if children and i + 1 < number else {})} for i in range(number)]
     view = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
     header = {

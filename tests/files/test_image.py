@@ -99,7 +99,7 @@ def test_transparent_pixels_are_occupied(tmp_path: Path, mode: str, dark: str) -
 @pytest.mark.parametrize("mode", ["1", "L", "I;16", "P", "RGB", "RGBA", "LA"])
 @pytest.mark.parametrize("size", [(1, 200), (130, 70), (257, 193)], ids=str)
 def test_shades_agree_with_pillow(tmp_path: Path, mode: str, size: tuple[int, int]) -> None:
-    """Compare images of several bands with Pillow's values of single pixels."""
+    """Compare with Pillow's values of single pixels."""
     rng, (width, height) = np.random.default_rng(0), size
     grey = rng.integers(0, 256, (height, width), dtype=np.uint8)
     if mode == "I;16":

@@ -1,4 +1,4 @@
-"""Pointers of git-lfs, in place of large files that were not fetched."""
+"""Pointers of git-lfs in place of files."""
 
 import inspect
 

@@ -1,4 +1,4 @@
-"""Scenes in glTF and COLLADA: every surface is placed by its nodes, or refused."""
+"""Scenes in glTF and COLLADA."""
 
 import base64
 import json
@@ -16,7 +16,10 @@ from refusals import refusals
 
 
 def gltf(edit=lambda header, add: None, glb=True):
-    """Write a glTF file of a box; `edit` gets its header and a function that adds an array and returns its view."""
+    """Write a glTF file of a box.
+
+    `edit` gets its header and a function that adds an array and returns its view.
+    """
     blob = bytearray()
     views = []
 

@@ -1,4 +1,4 @@
-"""Mesh files: all triangles are read, or the file is refused."""
+"""Mesh files, read whole or refused."""
 
 import struct
 import tracemalloc
@@ -249,7 +249,7 @@ def test_one_long_number_takes_little_memory(tmp_path, suffix):
     if suffix == ".off":
         points, faces = f"OFF\n1001 1 0\n{points}".replace("v ", ""), "3 0 1 2\n"
     (tmp_path / f"long{suffix}").write_text(points + faces)
-    read_mesh(tmp_path / f"long{suffix}")  # what is imported and compiled
+    read_mesh(tmp_path / f"long{suffix}")  # import and compile first
     tracemalloc.start()
     vertices, triangles = read_mesh(tmp_path / f"long{suffix}")
     peak = tracemalloc.get_traced_memory()[1]

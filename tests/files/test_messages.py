@@ -1,4 +1,4 @@
-"""ROS messages without ROS: round trips, agreement with map files, and the costs of Nav2."""
+"""ROS messages without ROS, and costs of Nav2."""
 
 import math
 from array import array
@@ -22,7 +22,7 @@ RNG = np.random.default_rng(0)
 
 
 def message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None):
-    """Make an object like a ROS message; values are rows from the lowest y."""
+    """Make a ROS message; values start at the lowest y."""
     height, width = np.shape(values)
     turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
     place = SimpleNamespace(position=SimpleNamespace(x=origin[0], y=origin[1], z=0.0), orientation=turn)
@@ -32,7 +32,7 @@ def message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None):
 
 
 class Strict:
-    """Make a message like rclpy's, with declared fields and types only."""
+    """Message like rclpy's, with declared fields and types only."""
 
     def __init__(self, **fields):
         object.__setattr__(self, "fields", fields)
@@ -87,7 +87,7 @@ def test_a_message_agrees_with_the_map_file(tmp_path, yaw, unknown):
         "free_thresh: 0.19\n"
     )
     saved = Workspace.from_ros_map(tmp_path / "map.yaml", unknown)
-    single = float(np.float32(0.05))  # as it comes from the wire
+    single = float(np.float32(0.05))  # the type on the wire
     made = Workspace.from_occupancy_grid(message(values, single, (-1.5, 2.5), yaw), unknown)
     assert np.allclose(made.grid.lower, saved.grid.lower, atol=1e-12)
     assert (made.grid.spacing, made.grid.shape) == (0.05, saved.grid.shape)
@@ -119,9 +119,9 @@ def test_a_turning_robot_is_free_only_at_all_rotations(spaces):
 
 
 def distances(space, free):
-    """Return the distance from each cell center to the nearest point that is not free, by brute force."""
+    """Return distances to points not free, by brute force."""
     ringed = np.argwhere(np.pad(~free, 1, constant_values=True)) - 1
-    steps = np.indices((3, 3)).reshape(2, -1).T  # in half cells, the nearest point of a cell is one of these nine
+    steps = np.indices((3, 3)).reshape(2, -1).T  # the candidates in a cell, in half cells
     tree = cKDTree((2 * ringed[:, None] + steps).reshape(-1, 2))
     middles = 2 * np.indices(free.shape).reshape(2, -1).T + 1
     return space.grid.spacing / 2 * tree.query(middles)[0].reshape(free.shape)
@@ -149,7 +149,7 @@ def test_costs_agree_with_the_formula(spaces, radius, scaling, fill):
 
 
 def test_no_cell_is_cheaper_than_in_nav2(spaces):
-    """Nav2 measures between cell centers, and treats the robot as a circle."""
+    """Compare with Nav2, which uses cell centers and circles."""
     space, radius, scaling = spaces["disc"], 0.7, 4.0
     costs = np.array(space.to_costmap(inflation_radius=radius, cost_scaling_factor=scaling).data).reshape(30, 40).T
     obstacles = cKDTree(space.grid.center_of(np.argwhere(space.workspace.outer)))
@@ -169,7 +169,7 @@ def test_costs_use_the_best_rotation_by_default(spaces):
 
 
 def costs_by_hand(space, radius, scaling, rotation=None):
-    """Compute the costs from the clearance at each cell center and rotation."""
+    """Compute costs from clearances at cell centers."""
     turns = space.rotations.centers if rotation is None else np.array([[rotation]])
     middles = space.grid.center_of(np.indices(space.grid.shape).reshape(2, -1).T)
     each = [space.clearance(np.hstack([middles, np.tile(turn, (len(middles), 1))])) for turn in turns]

@@ -1,4 +1,4 @@
-"""Planning scenes of MoveIt: primitives, layouts of ROS and MotionBenchMaker, and malformed files."""
+"""Planning scenes of MoveIt and MotionBenchMaker."""
 
 import json
 from pathlib import Path
@@ -37,7 +37,7 @@ def primitive(kind: Any, dimensions: Any, at: Any = None, name: str = "thing", *
 
 
 def holds(kind: str, sizes: Any, points: Any, slack: float) -> Any:
-    """Return which points lie in a primitive grown by `slack`, by the definitions of shape_msgs."""
+    """Return True for points in a grown primitive."""
     x, y, z = points.T
     if kind == "box":
         return (np.abs(points) <= np.array(sizes) / 2 + slack).all(axis=1)
@@ -65,12 +65,12 @@ SIZES = st.floats(0.2, 0.9)
     seed=st.integers(0, 2**20),
 )
 def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angles, layout, seed):
-    """Outer cells touch the primitive and inner cells lie in it, for any pose of it and of its object."""
+    """Pose both the primitive and its object anywhere."""
     count = {"box": 3, "sphere": 1}.get(kind, 2)
     turns = Rotation.from_euler("xyz", angles), Rotation.from_euler("z", angles[0])
     poses = [pose(place, turn.as_quat()) for place, turn in zip(places, turns, strict=True)]
     dimensions, kind_written = list(sizes[:count]), kind
-    if layout == 1:  # as ROS prints the message
+    if layout == 1:  # the text that ROS prints
         kind_written, dimensions = 1 + NAMES.index(kind), dimensions + [0.0] * (3 - count)
         poses = [{name: dict(zip("xyzw", numbers, strict=False)) for name, numbers in each.items()} for each in poses]
     elif layout == 2:
@@ -95,7 +95,7 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
 @pytest.mark.filterwarnings("ignore:.*without collision geometry")
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, data):
-    """Compare scenes of a benchmark, written as planning scenes, with shapes made directly."""
+    """Compare scenes of a benchmark with shapes made directly."""
     pytest.importorskip("yourdfpy")
     folder = data / "arms" / robot
     arm, rng = Arm.from_urdf(folder / f"{robot}.urdf", folder / f"{robot}.srdf"), np.random.default_rng(0)
@@ -170,7 +170,7 @@ def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
 
 @pytest.mark.parametrize(("place", "coef"), [(pose(), [0, 0, 2, 1.0]), (pose((0, 0, -0.5)), [0, 0, -1, 0])])
 def test_planes_reach_as_far_as_the_bounds(tmp_path, place, coef):
-    """Use the plane z = -0.5, a sheet through the whole map, or of the given size for arms."""
+    """Use the plane z = -0.5, in maps and for arms."""
     path = scene(tmp_path, {"id": "ground", "planes": [{"coef": coef}], "plane_poses": [place]})
     workspace = Workspace.from_moveit_scene(path, 0.2, (-2, -2, -1.5, 3, 2, 1))
     layers = np.flatnonzero(workspace.outer.any(axis=(0, 1)))

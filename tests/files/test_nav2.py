@@ -35,7 +35,7 @@ def test_a_footprint_is_its_polygon():
 
 
 def test_padding_moves_each_coordinate_away_from_zero():
-    """Like Nav2, keep zeros, and move other corners along both axes."""
+    """Keep zeros; move other corners along both axes."""
     padded = Robot.from_footprint([(0.5, 0), (0, 0.25), (-0.5, 0), (0, -0.5)], padding=0.25).geometry
     assert padded.equals(shapely.Polygon([(0.75, 0), (0, 0.5), (-0.75, 0), (0, -0.75)]))
 

@@ -1,4 +1,4 @@
-"""NRRD grids: agreement with VTK's reader and known values; damaged and malicious files."""
+"""NRRD grids, against VTK's reader and known values."""
 
 import gzip
 import os
@@ -37,7 +37,7 @@ TYPES = {
 def write(
     path: Path, values: NDArray[Any], kind: str, *lines: str, encoding: str = "raw", endian: str = "little"
 ) -> Path:
-    """Write an attached NRRD file by its specification; values are indexed [x, y(, z)]."""
+    """Write an attached NRRD file from values [x, y(, z)]."""
     head = ["NRRD0004", "# made by hand", f"type: {kind}", f"dimension: {values.ndim}"]
     head += [f"sizes: {' '.join(map(str, values.shape))}", f"encoding: {encoding}", f"endian: {endian}"]
     head += [*lines, "colour:=red", "", ""]
@@ -69,7 +69,7 @@ def test_cells_are_the_values_at_or_above_the_threshold(
 def test_values_and_placement_agree_with_vtk(tmp_path: Path, encoding: str) -> None:
     vtk = pytest.importorskip("vtk")
     numpy_support = pytest.importorskip("vtk.util.numpy_support")
-    values = np.random.default_rng(0).integers(0, 9, (14, 6, 5))  # vtk takes a short first axis for components
+    values = np.random.default_rng(0).integers(0, 9, (14, 6, 5))  # VTK reads a short first axis as components
     lines = ("space dimension: 3", "space directions: (0.2,0,0) (0,0.2,0) (0,0,0.2)", "space origin: (1.5,-2,0.25)")
     path = write(tmp_path / "a.nrrd", values, "short", *lines, encoding=encoding)
     reader = vtk.vtkNrrdReader()

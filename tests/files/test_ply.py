@@ -11,7 +11,10 @@ from refusals import refusals
 
 
 def ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""):
-    """Return a PLY file of a box; `before` and `after` are one-byte properties around the list of corners."""
+    """Return a PLY file of a box.
+
+    `before` and `after` are one-byte properties around the lists of corners.
+    """
     codes = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4", "ushort": "u2", "uint8": "u1", "uint32": "u4"}
     head = f"ply\nformat {order} 1.0\ncomment made by hand\nelement vertex {len(CORNERS)}\n"
     head += "".join(f"property {types[0]} {axis}\n" for axis in "xyz")
@@ -44,7 +47,7 @@ RED = "property uchar red\n"
 @pytest.mark.parametrize(("before", "after"), [("", ""), (RED, ""), ("", RED)], ids=["plain", "before", "after"])
 def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, types, before, after):
     content = ply(order, faces, types, before, after)
-    if order != "ascii" and len(set(map(len, faces))) > 1:  # trimesh tells the length of all lists by the first one
+    if order != "ascii" and len(set(map(len, faces))) > 1:  # trimesh gives all lists the length of the first
         check_refused(tmp_path, "box.ply", content, "equally many corners|different numbers")
     else:
         check_boxes(read(tmp_path, "box.ply", content))

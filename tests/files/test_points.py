@@ -1,4 +1,4 @@
-"""Point clouds: every format and encoding, whole, truncated and damaged."""
+"""Point clouds in every format, whole, truncated and damaged."""
 
 import contextlib
 import io
@@ -21,7 +21,7 @@ CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0,
 
 
 def pack_lzf(data: bytes) -> bytes:
-    """Pack with LZF: copies of at least three earlier bytes, and literals."""
+    """Pack by LZF, by literals and copies."""
     out, literals, seen, at = bytearray(), bytearray(), {}, 0
 
     def flush():
@@ -54,7 +54,7 @@ def pack_lzf(data: bytes) -> bytes:
 
 
 def pcd(points, data, fields="rgb x _ y z", sizes="4 4 1 8 4", types="U F U F F", counts="1 1 3 1 1"):
-    """Return a PCD file with other fields, of several types, around the coordinates."""
+    """Return a PCD file with fields of several types."""
     header = (
         f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\n"
         f"COUNT {counts}\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {data}\n"
@@ -81,7 +81,7 @@ def ply(points, form):
 
 def write(tmp_path, name, content):
     path = tmp_path / name
-    path.unlink(missing_ok=True)  # disks are slow to write over what is there
+    path.unlink(missing_ok=True)  # disks overwrite files slowly
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
 

@@ -1,4 +1,4 @@
-"""Real maps of the MovingAI benchmark are read, mapped and planned on."""
+"""Real maps of the MovingAI benchmark, read and planned on."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ MOVINGAI = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "ra
 
 
 def pairs(path, height):
-    """Read the starts, goals and path lengths of a map's problems, with rows counted from the bottom."""
+    """Read starts, goals and path lengths of problems."""
     rows = [line.split() for line in path.with_suffix(".map.scen").read_text().splitlines()[1:]]
     x0, y0, x1, y1 = np.array([row[-5:-1] for row in rows], dtype=int).T
     lengths = np.array([row[-1] for row in rows], dtype=float)
@@ -20,7 +20,7 @@ def pairs(path, height):
 
 @pytest.mark.parametrize("name", MOVINGAI)
 def test_movingai_problems_are_connected(data, name):
-    """Start and goal are connected by FREE cells of a map with a tiny robot, refined twice."""
+    """Refine the map twice, for a tiny robot."""
     path = data / "movingai" / f"{name}.map"
     workspace = Workspace.from_movingai(path)
     fine = Workspace.from_array(np.repeat(np.repeat(workspace.outer, 3, axis=0), 3, axis=1), 1 / 3)

@@ -30,7 +30,7 @@ HEADER: dict[str, Any] = {
 
 
 def _write(folder: Path, pixels: Any, **changes: Any) -> Path:
-    """Write a ROS map of 8-bit or 16-bit pixels, or a Pillow image; a change to None removes the key."""
+    """Write a ROS map; a change to None removes a key."""
     header = {key: value for key, value in (HEADER | changes).items() if value is not None}
     picture = pixels if isinstance(pixels, Image.Image) else Image.fromarray(np.asarray(pixels, dtype=np.uint8))
     picture.save(folder / "map.png")
@@ -39,7 +39,7 @@ def _write(folder: Path, pixels: Any, **changes: Any) -> Path:
 
 
 def _column(path: Path, unknown: str = "occupied") -> list[bool]:
-    """Return the cells of a map of one row of pixels."""
+    """Return the cells of one row of pixels."""
     return Workspace.from_ros_map(path, unknown).outer[:, 0].tolist()
 
 
@@ -78,7 +78,7 @@ OPAQUE = [[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 254], [255, 255, 255, 
     ],
 )
 def test_pixels_become_cells(tmp_path: Path, pixels: Any, changes: dict[str, Any], cells: str) -> None:
-    """Test occupied, unknown (by default occupied) and free pixels."""
+    """Test occupied, unknown and free pixels."""
     row = np.asarray(pixels, dtype=getattr(pixels, "dtype", np.uint8))[np.newaxis]
     path = _write(tmp_path, Image.fromarray(row), **changes)
     assert Workspace.from_ros_map(path).outer[:, 0].tolist() == [cell != "." for cell in cells]
@@ -144,7 +144,7 @@ def test_rotated_maps_agree_with_shapely(
     workspace = Workspace.from_ros_map(path, unknown)
     grid = workspace.grid
     assert grid.spacing == 0.5
-    # Every pixel as a turned square, from the top row down, obstacles and free ones apart.
+    # Rotate every pixel as a square, from the top row down; keep obstacles and free pixels apart.
     height, width = pixels.shape
     squares: dict[bool, list[Any]] = {True: [], False: []}
     for row in range(height):

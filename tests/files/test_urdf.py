@@ -1,4 +1,4 @@
-"""URDF files: agreement with formulas of primitives, posed by scipy; mesh search; refusals."""
+"""URDF files, against formulas of primitives posed by scipy."""
 
 import time
 from pathlib import Path
@@ -124,13 +124,13 @@ def write_box(path, side):
 
 
 def side_of(urdf, **options):
-    """Return the length along x of the mesh, which identifies its file."""
+    """Return the length of the mesh along x."""
     return Robot.from_urdf(urdf, **options).shape.outer.bounds[1][0] * 2
 
 
 @pytest.fixture
 def cell(tmp_path, monkeypatch):
-    """Write a URDF whose mesh has the same name as a mesh of another package."""
+    """Write a URDF with an ambiguous name of a mesh."""
     for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         monkeypatch.delenv(variable, raising=False)
     folder = tmp_path / "ws" / "src" / "cell_description"
@@ -228,7 +228,7 @@ def test_the_shadow_of_a_mesh_lies_between_its_bounds():
 
 
 def chain(count, kind="fixed", extra=""):
-    """Return a chain of boxes, one metre apart, each rotated by 0.01 rad relative to its parent."""
+    """Return a chain of rotated boxes."""
     box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'
     links = "".join(f'<link name="l{k}">{box}</link>' for k in range(count))
     joints = (
@@ -269,7 +269,7 @@ def test_mimic_joints_are_at_their_offset(tmp_path, kind, end):
 
 
 def test_boxes_and_cylinders_of_links_cannot_be_surfaces(tmp_path):
-    """An obstacle in the box must not be FREE because another mesh is open."""
+    """Open another mesh; the box keeps its inside."""
     trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "box.stl")
     mesh = '<collision><geometry><mesh filename="box.stl"/></geometry></collision>'
     path = written(tmp_path, chain(2).replace("</link>", mesh + "</link>", 1))
@@ -358,7 +358,7 @@ except cspace.MissingPackageError as error:
 
 
 def test_foreign_elements_and_the_xacro_namespace_are_ignored(tmp_path):
-    """Old robot files have such elements for Gazebo."""
+    """Include elements for Gazebo in old robot files."""
     path = tmp_path / "robot.urdf"
     names = 'xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:sensor="http://playerstage.sourceforge.net/gazebo"'
     ball = GEOMETRY.format('<sphere radius="1"/>')

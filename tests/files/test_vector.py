@@ -23,7 +23,7 @@ FAR = box(4.0, 0.25, 6.0, 1.75)
 
 
 def _meets(shapes: list[Any], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cells whose interior a union touches, and those that it covers, by shapely."""
+    """Return masks of touched and covered cells, by shapely."""
     union = shapely.union_all(shapes)
     corners = [grid.lower + grid.spacing * np.array(index) for index in np.ndindex(*grid.shape)]
     cells = [box(*corner, *(corner + grid.spacing)) for corner in corners]
@@ -46,7 +46,7 @@ RING = shapely.LinearRing([(0.5, 0.5), (2.5, 0.5), (2.5, 2.5), (0.5, 2.5)])
 def test_cells_meet_or_lie_in_polygons(
     source: Any, size: tuple[int, int], outer: list[str], inner: list[str], name: str
 ) -> None:
-    """Outer cells touch the polygons, inner cells are covered; lines and points cover none."""
+    """Compare outer and inner cells with shapely."""
     workspace = Workspace.from_polygons(source, 1.0, (0, 0, *size))
     assert workspace.grid == Grid((0.0, 0.0), 1.0, size)
     for cells, columns in ((workspace.outer, outer), (workspace.inner, inner)):
@@ -163,7 +163,7 @@ def test_a_point_alone_gets_one_cell() -> None:
     assert workspace.outer.all()
 
 
-def test_what_lies_beyond_the_bounds_is_clipped() -> None:
+def test_geometries_are_clipped_to_the_bounds() -> None:
     whole = Workspace.from_polygons([L_SHAPE, FAR], 0.1, (0, 0, 6, 2))
     part = Workspace.from_polygons([L_SHAPE, FAR], 0.1, (2, 0, 5, 1))
     assert np.array_equal(part.outer, whole.outer[20:50, :10])

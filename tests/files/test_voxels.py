@@ -1,4 +1,4 @@
-"""Voxel maps of MovingAI, and OctoMaps, compared with OctoMap's own library."""
+"""Voxel maps, and OctoMaps against OctoMap's library."""
 
 import os
 import struct
@@ -22,7 +22,7 @@ TINY_3DMAP = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
 
 
 def read_octomap(path: Path, unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
-    """Return the grid of an OctoMap, its occupied cells and its unknown ones."""
+    """Return grid, occupied cells and unknown cells."""
     made = Workspace.from_octomap(path, unknown)
     return made.grid, made.outer, np.zeros_like(made.outer) if made.unknown is None else made.unknown
 
@@ -110,7 +110,7 @@ def test_real_voxel_maps_agree_with_a_plain_reading(data: Path, name: str, shape
 
 
 def decode_leaves(tree):
-    """Return the first cell, the side in cells and the state of each leaf, by the library."""
+    """Return cell, side and state of each leaf."""
     side = tree.getResolution()
     for leaf in tree.begin_leafs():
         size = round(leaf.getSize() / side)
@@ -119,7 +119,7 @@ def decode_leaves(tree):
 
 
 def agrees(path, tree):
-    """Check that the cells of a file agree with the library."""
+    """Fail unless cells agree with the library."""
     grid, solid, unknown = read_octomap(path)
     free_grid, occupied, _ = read_octomap(path, "free")
     assert grid == free_grid
@@ -141,7 +141,7 @@ def agrees(path, tree):
 
 
 def random_tree(octomap, seed, kind="OcTree"):
-    """Make a tree with coarse leaves, blocks of certain cells, and single uncertain cells."""
+    """Draw a tree of coarse and fine leaves."""
     rng = np.random.default_rng(seed)
     side = float(rng.choice([0.05, 0.1, 1.0]))
     tree = getattr(octomap, kind)(side)
@@ -207,7 +207,7 @@ def test_a_real_octomap_agrees_with_the_library(data):
 
 
 def chain(length=16):
-    """Return the nodes of a binary tree with one occupied cell, the first child at every level."""
+    """Return nodes of a tree with one occupied cell."""
     return b"\x03\x00" * (length - 1) + b"\x02\x00"
 
 

@@ -1,4 +1,4 @@
-"""Shortest paths in the plane, against visibility graphs by shapely and lengths of the MovingAI benchmark."""
+"""Shortest paths in the plane, against visibility graphs."""
 
 import itertools
 import math
@@ -12,14 +12,18 @@ from scipy import sparse
 
 from cspace import BLOCKED, FREE, MIXED, Workspace
 from handmade import map_of
+from oracles import path_length
 from strategies import seeds
 
 NARROW = 1e-6
-"""Cells by which the oracle widens free space, and within which a segment touches a corner."""
+"""Widening of free space in the oracle, and distance at which a segment touches a corner, in cells."""
 
 
 def oracle_length(free, start, goal):
-    """Length of the shortest path through closed cells, not squeezing between two that share only a corner."""
+    """Return the length of the shortest path by a visibility graph.
+
+    The path may not pass through a corner that only two cells share.
+    """
     world = shapely.union_all([shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(free)])
     walls = np.pad(~free, 1, constant_values=True)
     around = np.stack([walls[:-1, :-1], walls[:-1, 1:], walls[1:, :-1], walls[1:, 1:]])
@@ -38,10 +42,6 @@ def oracle_length(free, start, goal):
     return sparse.csgraph.dijkstra(graph, directed=False, indices=0)[1]
 
 
-def length(path):
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if len(path) else math.inf
-
-
 @settings(max_examples=150)
 @given(seeds, st.floats(0.0, 0.5), st.sampled_from([1, 3]))
 def test_find_path_returns_the_shortest_path_through_free_cells(seed, share, block):
@@ -56,33 +56,33 @@ def test_find_path_returns_the_shortest_path_through_free_cells(seed, share, blo
     space = map_of(states, outside="blocked", spacing=0.25)
     path = space.find_path(0.25 * start, 0.25 * goal) / 0.25
     expected = oracle_length(states == FREE, start, goal)
-    assert length(path) == pytest.approx(expected, rel=0.0, abs=1e-4)
+    assert path_length(path) == pytest.approx(expected, rel=0.0, abs=1e-4)
     if len(path):
         assert (path[[0, -1]] == [start, goal]).all()
         assert space.certify_path(0.25 * path).all()
 
 
 @pytest.mark.parametrize("rows", [1, 9])
-def test_a_path_slides_along_walls_on_both_of_its_sides(rows):
+def test_find_path_slides_between_walls_on_both_sides(rows):
     states = np.zeros((3 * rows, 12), np.uint8)
     states[rows - 1, 3:5] = states[rows, 6:8] = states[rows - 1, 9] = BLOCKED
     space = map_of(states, outside="blocked", spacing=1.0)
     path = space.find_path((rows - 1e-3, 1.0), (rows + 1e-3, 11.0))
     assert space.certify_path(path).all()
-    assert length(path) == pytest.approx(10.0, abs=1e-4)
+    assert path_length(path) == pytest.approx(10.0, abs=1e-4)
 
 
-def test_a_rotated_slice_has_the_shortest_path_of_its_own_cells():
+def test_find_path_keeps_to_the_slice_of_its_rotation():
     states = np.zeros((2, 9, 9), np.uint8)
     states[0, 4, :8], states[1, 4, 1:] = BLOCKED, BLOCKED
     space = map_of(states, 2, outside="blocked", spacing=1.0)
     up = space.find_path((0.5, 0.5, 0.0), (8.5, 0.5, 0.0))
-    assert length(up) == pytest.approx(2 * math.hypot(3.5, 7.5) + 1.0, abs=1e-4)
-    assert length(space.find_path((0.5, 0.5, math.pi), (8.5, 0.5, math.pi))) == pytest.approx(8.06, abs=0.1)
+    assert path_length(up) == pytest.approx(2 * math.hypot(3.5, 7.5) + 1.0, abs=1e-4)
+    assert path_length(space.find_path((0.5, 0.5, math.pi), (8.5, 0.5, math.pi))) == pytest.approx(8.06, abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["arena", "random512-10-0"])
-def test_paths_are_no_longer_than_the_shortest_of_the_grid(data, name):
+def test_paths_are_at_most_as_long_as_grid_paths(data, name):
     workspace = Workspace.from_movingai(data / "movingai" / f"{name}.map", 1.0)
     space = map_of(np.where(workspace.outer, BLOCKED, FREE), outside="blocked", spacing=1.0)
     scenarios = [line.split() for line in (data / "movingai" / f"{name}.map.scen").read_text().splitlines()[1:]]
@@ -91,5 +91,5 @@ def test_paths_are_no_longer_than_the_shortest_of_the_grid(data, name):
         u0, v0, u1, v1, grid_length = map(float, numbers)
         q0, q1 = ((u + 0.5, rows - v - 0.5) for u, v in ((u0, v0), (u1, v1)))
         path = space.find_path(q0, q1)
-        assert math.dist(q0, q1) * (1 - 1e-12) <= length(path) <= grid_length * (1 + 1e-3)  # rounded to two digits
+        assert math.dist(q0, q1) * (1 - 1e-12) <= path_length(path) <= grid_length * (1 + 1e-3)  # rounded to two digits
         assert space.certify_path(path).all()

@@ -1,4 +1,4 @@
-"""Many look-ups in one call: blocks, threads, coarse maps, numbers of any kind; and whole paths and roadmaps."""
+"""Queries of batches, whole paths and roadmaps."""
 
 import itertools
 from functools import cache, partial
@@ -20,43 +20,35 @@ from placements import draw_configurations
 from refusals import refusals
 from strategies import rotation_cells, seeds
 
+MAPS = {
+    "plane": ((57, 43), 0.02, Robot.disc(0.15), None),
+    "turning": ((29, 40), 0.02, Robot.rectangle(0.5, 0.2), 7),
+    "space": ((17, 23, 30), 0.003, Robot.ball(0.15), None),
+    "yawing": ((13, 12, 11), 0.003, Robot.box((0.3, 0.2, 0.1)), 5),
+    "floating": ((9, 8, 7), 0.01, Robot.box((0.2, 0.1, 0.1)), Rotations.quaternions(2)),
+}
+"""Shape of the grid, share of occupied cells, robot and rotations in each space."""
 
-def plane(rng, shape=(57, 43), outside="free"):
-    return cspace.build(Workspace.from_array(rng.random(shape) < 0.02, 0.1), Robot.disc(0.15), outside=outside)
-
-
-def turning(rng, rotations=7, shape=(29, 40), outside="free"):
-    workspace = Workspace.from_array(rng.random(shape) < 0.02, 0.1)
-    return cspace.build(workspace, Robot.rectangle(0.5, 0.2), rotations=rotations, outside=outside)
-
-
-def solid(rng, shape=(17, 23, 30), outside="free"):
-    return cspace.build(Workspace.from_array(rng.random(shape) < 0.003, 0.1), Robot.ball(0.15), outside=outside)
+EVERY_SPACE = pytest.mark.parametrize("name", MAPS)
 
 
-def yawing(rng, shape=(13, 12, 11), outside="free"):
-    workspace = Workspace.from_array(rng.random(shape) < 0.003, 0.1)
-    return cspace.build(workspace, Robot.box((0.3, 0.2, 0.1)), rotations=5, outside=outside)
-
-
-def floating(rng, shape=(9, 8, 7), outside="free"):
-    occupied = rng.random(shape) < 0.01
-    occupied[6, 2:] = True
-    workspace = Workspace.from_array(occupied, 0.1)
-    return cspace.build(workspace, Robot.box((0.2, 0.1, 0.1)), rotations=Rotations.quaternions(2), outside=outside)
-
-
-KINDS = [plane, turning, solid, yawing, floating]
+def build_random(name, rng, outside="free"):
+    """Build a random map of a space."""
+    shape, share, robot, rotations = MAPS[name]
+    occupied = rng.random(shape) < share
+    if name == "floating":
+        occupied[6, 2:] = True
+    return cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside=outside)
 
 
 @cache
-def made(make, seed):
-    """A map that tests share."""
-    return make(np.random.default_rng(seed))
+def build_cached(name, seed):
+    """Build a random map that tests share."""
+    return build_random(name, np.random.default_rng(seed))
 
 
-def near(space, q, rng):
-    """Ends of edges from configurations: most of them a few cells away."""
+def draw_targets(space, q, rng):
+    """Draw ends of edges, mostly a few cells away."""
     reach = 12.0 * space.grid.spacing
     targets = np.where(
         rng.random((len(q), 1)) < 0.8, q + rng.uniform(-reach, reach, q.shape), q[rng.permutation(len(q))]
@@ -67,14 +59,14 @@ def near(space, q, rng):
 # ---- one cell --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", KINDS)
+@EVERY_SPACE
 @settings(max_examples=8)
 @given(
     seeds, st.sampled_from(["free", "blocked"]), st.sampled_from([1, 1023, 1024, 1025, 2 * MIN_ITEMS_PER_THREAD + 1])
 )
-def test_states_and_clearances_of_many_are_those_of_each(make, seed, outside, number):
+def test_batches_equal_single_queries(name, seed, outside, number):
     rng = np.random.default_rng(seed)
-    space = make(rng, outside=outside)
+    space = build_random(name, rng, outside=outside)
     q = draw_configurations(space, rng, number, far=True)
     chosen = rng.integers(0, number, 500)
     assert space.classify(q)[chosen].tolist() == [space.classify(one) for one in q[chosen]]
@@ -85,25 +77,25 @@ def test_states_and_clearances_of_many_are_those_of_each(make, seed, outside, nu
     assert (space.classify(q)[inside] == space._kernel_map.states[(slices, *cells.T)]).all()
 
 
-@pytest.mark.parametrize("make", KINDS)
-def test_numbers_of_any_type_get_the_same_answers(make):
+@EVERY_SPACE
+def test_queries_accept_numbers_of_any_type(name):
     rng = np.random.default_rng(3)
-    space = made(make, 3)
+    space = build_cached(name, 3)
     for dtype in ("float64", "float32", "float16", "int64", "int8", "uint16", "bool", "longdouble"):
         q = rng.uniform(0, 3, (ROWS_PER_COPY + 7, space.size)).astype(dtype)
         if len(space.rotations.names) == 4:
             q[:, 3:] = np.eye(4)[rng.integers(0, 4, len(q))]
         wide = q.astype(np.float64)
-        for name in ("classify", "clearance", "overlap_count"):
-            np.testing.assert_array_equal(getattr(space, name)(q), getattr(space, name)(wide), dtype)
+        for query in (space.classify, space.clearance, space.overlap_count):
+            np.testing.assert_array_equal(query(q), query(wide), dtype)
         assert (space.motion_is_free(q[1:], q[:-1]) == space.motion_is_free(wide[1:], wide[:-1])).all(), dtype
         assert space.classify(q[5]) == space.classify(wide[5]), dtype
 
 
-@pytest.mark.parametrize("make", KINDS)
-def test_arrays_of_any_layout_get_the_same_answers(make):
+@EVERY_SPACE
+def test_queries_accept_arrays_of_any_layout(name):
     rng = np.random.default_rng(4)
-    space = make(rng)
+    space = build_random(name, rng)
     q = draw_configurations(space, rng, 3 * ROWS_PER_COPY, far=True).reshape(3, ROWS_PER_COPY, space.size)
     states, free = space.classify(q), space.motion_is_free(q, q[::-1])
     layouts = [
@@ -122,21 +114,21 @@ def test_arrays_of_any_layout_get_the_same_answers(make):
     assert space.motion_is_free(q[0, 0], q)[:, chosen].tolist() == one_by_one
 
 
-@pytest.mark.parametrize("make", KINDS)
+@EVERY_SPACE
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_the_first_bad_number_is_named(make, dtype, value):
+def test_queries_name_the_first_invalid_number(name, dtype, value):
     rng = np.random.default_rng(5)
-    space = made(make, 5)
+    space = build_cached(name, 5)
     half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS_PER_COPY, MIN_EDGES_PER_THREAD) + 2}
     ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.size, 0.5))}
-    for name, middle in half.items():
+    for subject, middle in half.items():
         last = 2 * middle
         for first, second in ((0, 1), (1023, 1024), (ROWS_PER_COPY + 1, ROWS_PER_COPY), (last, middle + 1), (last, 7)):
             q = np.full((last + 1, space.size), 0.5, dtype)
             q[first, rng.integers(space.size)] = q[second, rng.integers(space.size)] = value
-            with pytest.raises(InputError, match=f"{name} number {min(first, second)} is .*(nan|inf)"):
-                ask[name](q)
+            with pytest.raises(InputError, match=f"{subject} number {min(first, second)} is .*(nan|inf)"):
+                ask[subject](q)
     outside = configurations(space, np.full((ROWS_PER_COPY + 100, space.size), -7.0))
     outside[[ROWS_PER_COPY, 70], [0, 1]] = value
     for query in (space.classify, space.clearance):
@@ -147,7 +139,7 @@ def test_the_first_bad_number_is_named(make, dtype, value):
 @settings(max_examples=60)
 @given(rotation_cells(40), seeds)
 @example([0.0, 1e-9, 6.0, 2 * np.pi], 0)
-def test_rotation_cells_of_many_yaws(rotations, seed):
+def test_classify_finds_the_rotation_cell_of_each_yaw(rotations, seed):
     rng = np.random.default_rng(seed)
     cells = Rotations.of(rotations)
     states = (np.arange(len(cells)) % 3).astype(np.uint8)
@@ -159,8 +151,8 @@ def test_rotation_cells_of_many_yaws(rotations, seed):
 
 
 @pytest.mark.parametrize("yaw", [2.0**20 + 1.0, -(2.0**40), 1e300])
-def test_a_yaw_that_cannot_be_wrapped_is_refused_in_a_batch(yaw):
-    space = turning(np.random.default_rng(8))
+def test_batches_refuse_yaws_too_large_to_wrap(yaw):
+    space = build_random("turning", np.random.default_rng(8))
     q = np.full((3000, 3), 0.5)
     q[[2000, 2500], 2] = yaw
     for ask in (space.classify, space.clearance, space.overlap_count, lambda q: space.motion_is_free(q[0], q)):
@@ -170,18 +162,18 @@ def test_a_yaw_that_cannot_be_wrapped_is_refused_in_a_batch(yaw):
     assert (space.classify(q) == space.classify(q[0])).all()
 
 
-# ---- marks of blocks ------------------------------------------------------------------------------------------------
+# ---- occupancy pyramids ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", KINDS)
+@EVERY_SPACE
 @settings(max_examples=10)
 @given(seeds, st.sampled_from(["free", "blocked"]))
-def test_edges_of_many_are_those_of_each(make, seed, outside):
-    """A checker of single edges walks cell by cell; a large batch looks at the marks of blocks first."""
+def test_batches_of_edges_equal_single_edges(name, seed, outside):
+    """Compare the pyramid with walks of single edges."""
     rng = np.random.default_rng(seed)
-    space = make(rng, outside=outside)
+    space = build_random(name, rng, outside=outside)
     q0 = draw_configurations(space, rng, 2 * MIN_EDGES_PER_THREAD + 3, far=True)
-    q1 = near(space, q0, rng)
+    q1 = draw_targets(space, q0, rng)
     assert space._kernel_map.states.size <= len(q0) * MAX_CELLS_PER_EDGE
     many = space.motion_is_free(q0, q1)
     check = space.edge_checker()
@@ -189,7 +181,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     assert many.any() or outside == "blocked"
 
 
-def test_blocks_are_marked_only_where_that_pays(monkeypatch):
+def test_only_batches_of_edges_build_the_pyramid(monkeypatch):
     space = cspace.build(cspace.Workspace.from_array(np.zeros((200, 200), dtype=bool), 0.1), cspace.Robot.disc(0.2))
     marked, mark = [], mip.OccupancyPyramid.marks
     monkeypatch.setattr(mip.OccupancyPyramid, "marks", lambda *how: marked.append(mark(*how)) or marked[-1])
@@ -202,11 +194,11 @@ def test_blocks_are_marked_only_where_that_pays(monkeypatch):
 # ---- paths and roadmaps ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", KINDS)
+@EVERY_SPACE
 @pytest.mark.parametrize("exact", [False, True])
-def test_a_path_is_certified_edge_by_edge(make, exact):
+def test_certify_path_returns_the_result_of_each_edge(name, exact):
     rng = np.random.default_rng(6)
-    space = make(rng)
+    space = build_random(name, rng)
     path = np.cumsum(rng.uniform(-0.3, 0.3, (60, space.size)), axis=0)
     middle = np.array([*np.divide(space.grid.upper, 2), *space.rotations.centers[0]])
     path = configurations(space, path + middle)
@@ -226,10 +218,10 @@ def test_a_path_is_certified_edge_by_edge(make, exact):
     assert space.certify_path(np.empty((0, space.size)), np.empty((0, 2), int)).shape == (0,)
 
 
-@pytest.mark.parametrize("make", KINDS)
-def test_a_large_roadmap_in_threads(make):
+@EVERY_SPACE
+def test_certify_path_checks_large_roadmaps(name):
     rng = np.random.default_rng(7)
-    space = make(rng)
+    space = build_random(name, rng)
     vertices = space.sample_free(5000, rng)
     edges = rng.integers(0, len(vertices), (3 * ROWS_PER_COPY + 1, 2))
     free = space.certify_path(vertices, edges)
@@ -255,14 +247,14 @@ def test_a_large_roadmap_in_threads(make):
     ([(0.1, 0.1)] * 3, [(0, 1), (2,)], "pairs"),
     (np.empty((0, 2)), [(0, 0)], "there are 0 vertices"),
 )
-def test_refuses_what_is_no_path_and_no_roadmap(path, edges, message):
-    space = plane(np.random.default_rng(0))
+def test_certify_path_refuses(path, edges, message):
+    space = build_random("plane", np.random.default_rng(0))
     with pytest.raises(InputError, match=message):
         space.certify_path(path, edges)
 
 
-def test_an_edge_between_unusable_vertices_is_named_by_its_number():
-    space = plane(np.random.default_rng(0))
+def test_invalid_edges_are_named_by_number():
+    space = build_random("plane", np.random.default_rng(0))
     vertices = np.array([(0.1, 0.1), (0.2, 0.2), (np.nan, 0.3)])
     with pytest.raises(InputError, match=r"edge number 2 is \(0.1, 0.1, nan, 0.3\)"):
         evaluate_pairs(vertices, np.array([(0, 1), (1, 0), (0, 2)]), space._edges(3, exact=False))

@@ -1,4 +1,4 @@
-"""Checkers for planners' callbacks: they answer as the look-ups do, everywhere, and never pass what is no number."""
+"""Checkers of single points and edges, for callbacks of planners."""
 
 import numpy as np
 import pytest
@@ -8,18 +8,18 @@ from hypothesis import strategies as st
 import handmade
 from cspace import FREE, MIXED
 from cspace.rotations.base import MAX_ANGLE
-from handmade import Outside, outsides
+from handmade import outsides
 from placements import draw_configurations
 from strategies import seeds
 
 
 @settings(max_examples=40)
 @given(seeds, st.sampled_from(handmade.MAP_KINDS), outsides(3))
-def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
+def test_checkers_agree_with_queries_everywhere(seed, kind, outside):
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind)
     dim = states.ndim - 1
-    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
+    outside = outside.project(dim)
     space = handmade.make_map(states, kind, outside, 0.1, lower=(-1.0, 0.0, 0.3)[:dim])
     q0, q1 = draw_configurations(space, rng, 200), draw_configurations(space, rng, 200)
     corners = np.array([space.grid.lower, space.grid.upper, (1e30, -1e30, 1e30)[:dim]])
@@ -34,10 +34,9 @@ def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 @pytest.mark.parametrize("exact", [False, True])
-def test_checkers_never_pass_what_is_no_configuration(kind, exact):
-    # What is proven by cells, and what is left to the geometry, which has no obstacles here.
-    states = np.full((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)), MIXED if exact else FREE)
-    space = handmade.make_map(states, kind)
+def test_checkers_return_false_for_invalid_configurations(kind, exact):
+    # FREE cells prove the configuration. In MIXED cells the exact geometry does, because there are no obstacles.
+    space = handmade.make_map(handmade.full_states(kind, 4, MIXED if exact else FREE), kind)
     dim, point, edge = space.grid.dim, space.point_checker(exact=exact), space.edge_checker(exact=exact)
     both = handmade.configurations(space, np.full((2, space.size), 0.3)).ravel().tolist()
     assert point(*both[: space.size]) and edge(*both)

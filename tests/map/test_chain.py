@@ -1,4 +1,4 @@
-"""Chains of cells that are not BLOCKED: none has fewer MIXED cells."""
+"""Chains of cells with the fewest MIXED cells."""
 
 import heapq
 from itertools import pairwise
@@ -18,8 +18,8 @@ def chain_on(space, start, goal, closed=None):
     return open_chain(space._grid_kernel_map, space.rotations._neighbors, np.array(start), np.array(goal), closed)
 
 
-def fewest_mixed(states, closed, start, goal, kind):
-    """Fewest MIXED cells of a chain, after its start; None where there is no chain (Dijkstra)."""
+def count_fewest_mixed(states, closed, start, goal, kind):
+    """Return the fewest MIXED cells of a chain, by Dijkstra."""
     best, todo = {start: 0}, [(0, start)]
     while todo:
         cost, here = heapq.heappop(todo)
@@ -48,7 +48,7 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     endpoints = passable[rng.integers(len(passable), size=2)]
     start, goal = map(tuple, endpoints.tolist())
     path = chain_on(space, *endpoints, closed if shuts else None)
-    expected = fewest_mixed(states, closed, start, goal, kind)
+    expected = count_fewest_mixed(states, closed, start, goal, kind)
     if expected is None:
         assert path.shape == (0, states.ndim)
         return
@@ -60,7 +60,7 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     assert sum(int(states[cell] == MIXED) for cell in cells[1:]) == expected
 
 
-def test_chains_keep_what_is_closed_out_of_use():
+def test_chains_avoid_closed_cells():
     states = np.zeros((1, 3, 3, 3), dtype=np.uint8)
     space, closed = handmade.make_map(states, "space"), np.zeros(states.shape, dtype=bool)
     endpoints = (0, 0, 0, 0), (0, 2, 0, 0)
@@ -72,11 +72,11 @@ def test_chains_keep_what_is_closed_out_of_use():
 
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-def test_chains_begin_and_end_where_the_map_is_not_blocked(kind):
+def test_chains_from_or_to_blocked_cells_are_empty(kind):
     states = np.zeros((4 if "turning" in kind else 1, *((5, 4, 3) if "space" in kind else (5, 4))), np.uint8)
     states[0, 2, 1] = BLOCKED
     space = handmade.make_map(states, kind)
-    inside, free = ((0, n, *[1] * (states.ndim - 2)) for n in (2, 0))
-    for endpoints in ((inside, free), (free, inside), (inside, inside)):
+    blocked, free = ((0, n, *[1] * (states.ndim - 2)) for n in (2, 0))
+    for endpoints in ((blocked, free), (free, blocked), (blocked, blocked)):
         assert chain_on(space, *endpoints).shape == (0, states.ndim)
     assert len(chain_on(space, free, free)) == 1

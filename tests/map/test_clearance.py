@@ -1,4 +1,4 @@
-"""Clearance against brute force over all cells, of single configurations and of batches, small maps and large ones."""
+"""Clearance against brute force over all cells."""
 
 import math
 from fractions import Fraction
@@ -10,23 +10,26 @@ from hypothesis import strategies as st
 
 import cspace
 import handmade
+import oracles
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from strategies import seeds
 
 
-def distances_of(states, places, slices):
-    """Distances from places, in cells, to the closed cells of their slices that are not FREE, by brute force."""
-    shut, distances = [np.argwhere(part != FREE) for part in states], []
-    for place, s in zip(places, slices, strict=True):
-        cells = shut[s % len(states)]  # a map of all rotations repeats them
-        gaps = np.maximum(np.maximum(cells - place, place - cells - 1), 0.0)
-        distances.append(np.sqrt(np.square(gaps).sum(axis=1).min(initial=math.inf)))
-    return np.array(distances)
+def distance_to_cells(points, cells):
+    """Return distances from points (n, d) to cells (m, d)."""
+    return oracles.box_gaps(points[:, None], points[:, None], cells, cells + 1).min(axis=1, initial=math.inf)
+
+
+def distance_in_slices(states, points, slices):
+    """Return distances from points to cells of their slices."""
+    shut = [np.argwhere(part != FREE) for part in states]
+    pairs = zip(points[:, None], slices % len(states), strict=True)  # a map of all rotations repeats its slices
+    return np.concatenate([distance_to_cells(point, shut[s]) for point, s in pairs])
 
 
 @st.composite
 def sparse_states(draw, kind):
-    """States with few cells that are not FREE, on grids of one block of cells, or of many along one axis."""
+    """Draw few cells that are not FREE in possibly long grids."""
     rng = np.random.default_rng(draw(seeds))
     shape = rng.integers(1, 20, 3 if "space" in kind else 2)
     shape[rng.integers(len(shape))] = draw(st.sampled_from([1, 8, 63, 64, 65, 200]))
@@ -40,8 +43,8 @@ def sparse_states(draw, kind):
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 @settings(max_examples=40)
 @given(st.data(), seeds)
-def test_distances_to_cells_are_exact(kind, data, seed):
-    """Also along lines, where each search begins with what the one before has found."""
+def test_clearance_is_the_distance_to_cells(kind, data, seed):
+    """Include lines, along which searches reuse previous results."""
     states, rng = data.draw(sparse_states(kind)), np.random.default_rng(seed)
     space, dim = handmade.make_map(states, kind, spacing=1.0), states.ndim - 1
     endpoints = rng.uniform(-1.5, 2.5, (2, space.size)) * [*states.shape[1:], *[3.0] * (space.size - dim)]
@@ -53,9 +56,7 @@ def test_distances_to_cells_are_exact(kind, data, seed):
     )
     q = handmade.configurations(space, q)
     q[::5, :dim] = np.rint(q[::5, :dim])  # on borders of cells
-    handmade.configurations(space, q)
-    slices = space.rotations._cells_of(q)
-    expected = distances_of(states, q[:, :dim], slices)
+    expected = distance_in_slices(states, q[:, :dim], space.rotations._cells_of(q))
     expected[space.classify(q) != FREE] = 0.0
     np.testing.assert_allclose(space.clearance(q), expected, rtol=1e-9, atol=1e-6)
     assert (space.clearance(q) <= expected).all()
@@ -65,22 +66,21 @@ def test_distances_to_cells_are_exact(kind, data, seed):
 
 @settings(max_examples=80)
 @given(st.data(), seeds)
-def test_clearance_counts_what_is_not_free_outside_the_grid(data, seed):
+def test_clearance_counts_cells_outside_the_grid(data, seed):
     state = data.draw(handmade.states(side=4, mixture=(FREE, FREE, FREE, FREE, MIXED)))
     outside = data.draw(handmade.outsides(state.ndim))
     space = handmade.map_of(state, outside=outside, spacing=1.0)
     around = [cell for cell in handmade.cells_around(state, outside) if handmade.state_of(state, outside, cell) != FREE]
     cells = np.array(around).reshape(-1, state.ndim)
     q = np.random.default_rng(seed).uniform(-8.0, 16.0, (30, state.ndim))
-    gaps = np.maximum(np.maximum(cells - q[:, None], q[:, None] - cells - 1), 0.0)
-    expected = np.sqrt(np.square(gaps).sum(axis=2).min(axis=1, initial=math.inf))
+    expected = distance_to_cells(q, cells)
     expected[space.classify(q) != FREE] = 0.0
     np.testing.assert_allclose(space.clearance(q), expected, rtol=1e-9, atol=1e-6)
 
 
-# ---- as a map answers ------------------------------------------------------------------------------------------------
+# ---- maps that were built --------------------------------------------------------------------------------------------
 
-CASES = {
+BUILDS = {
     "plane": (Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]), None),
     "point": (Robot.disc(0.01), None),
     "space": (Robot.box((0.2, 0.3, 0.1)), None),
@@ -92,9 +92,9 @@ CASES = {
 
 
 @settings(max_examples=25)
-@given(seeds, st.sampled_from(list(CASES)), st.sampled_from(["blocked", "free"]))
+@given(seeds, st.sampled_from(list(BUILDS)), st.sampled_from(["blocked", "free"]))
 def test_clearance_is_a_close_lower_bound(seed, case, outside):
-    robot, rotations = CASES[case]
+    robot, rotations = BUILDS[case]
     rng, h, dim = np.random.default_rng(seed), 0.1, 3 if "space" in case else 2
     shape = (9, 8, 10) if dim == 3 else (20, 40)
     workspace = Workspace.from_array(rng.random(shape) < rng.choice([0.0, 0.01]), h, rng.uniform(-1, 1, dim))
@@ -112,8 +112,7 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
         if state != FREE:
             assert bound == 0.0
         elif len(shut):
-            gap = np.maximum(np.maximum(shut - point[:dim], point[:dim] - shut - h), 0)
-            distance = np.linalg.norm(gap, axis=1).min()
+            distance = oracles.box_gaps(point[:dim], point[:dim], shut, shut + h).min()
             assert bound <= distance + 1e-9
             if space.grid.contains(point[:dim]):
                 assert bound > distance - 1e-6 * h
@@ -139,14 +138,14 @@ def test_steps_within_the_clearance_stay_free(kind):
 
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-def test_an_empty_map_has_no_bound(kind):
-    space = handmade.make_map(np.zeros((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
+def test_clearance_of_an_empty_map_is_infinite(kind):
+    space = handmade.make_map(handmade.full_states(kind, 3), kind)
     q = handmade.configurations(space, np.full((2, space.size), 0.1))
     q[1, 0] = 50.0
     assert space.clearance(q).tolist() == [math.inf, math.inf]
 
 
-def test_far_outside_the_bound_still_holds():
+def test_clearance_is_a_lower_bound_far_outside():
     occupied = np.ones((1, 1), bool)
     space = cspace.build(Workspace.from_array(occupied, 0.1, (0.3, 0.7)), Robot.disc(0.1), outside="free")
     q = (-18660724.11262548, 27488679.34025253)
@@ -158,7 +157,7 @@ def test_far_outside_the_bound_still_holds():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_clearance_answers_far_away_and_for_no_numbers(dim):
+def test_clearance_is_finite_far_away_and_zero_for_nan(dim):
     occupied = np.zeros((6, 5, 4)[:dim], bool)
     occupied[(2,) * dim] = True
     robot = Robot.disc(0.1) if dim == 2 else Robot.ball(0.1)
@@ -174,9 +173,9 @@ def test_clearance_answers_far_away_and_for_no_numbers(dim):
         assert space.clearance_checker()(wrong, *rest) == 0.0
 
 
-def test_one_lonely_cell_on_a_large_map_is_found():
+def test_clearance_finds_a_single_cell_of_a_large_map():
     states = np.zeros((1, 3000, 2500), dtype=np.uint8)
     states[0, 2990, 3] = MIXED
     space = handmade.make_map(states, "plane", spacing=1.0)
     q = np.random.default_rng(0).uniform(0.0, 2500.0, (50, 2))
-    np.testing.assert_allclose(space.clearance(q), distances_of(states, q, [0] * 50), rtol=1e-9)
+    np.testing.assert_allclose(space.clearance(q), distance_to_cells(q, np.array([(2990, 3)])), rtol=1e-9)

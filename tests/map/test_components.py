@@ -1,4 +1,4 @@
-"""Components against scipy's labels after random changes, and paths against graphs of cells."""
+"""Components against labels by scipy, also after random changes."""
 
 import itertools
 import math
@@ -21,17 +21,17 @@ from strategies import seeds
 
 BLOCKS = {"small": {2: (0, 2, 2), 3: (1, 2, 1)}, "rows of eight": {2: (0, 1, 3), 3: (1, 0, 3)}, "as they are": {}}
 
-KINDS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3, 6), (3, 2, 4)]
+RINGS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3, 6), (3, 2, 4)]
 """Axes of the grid, slices, and rotation cells in a ring."""
 
-ALONE = np.zeros(1, dtype=np.int64)
+ONE_SLICE = np.zeros(1, dtype=np.int64)
 
 
 def ring(rotations):
     return (np.arange(rotations)[:, None] + [-1, 1]) % rotations
 
 
-def components(stack, slice_of=ALONE, exterior_open=False, blocks="as they are"):
+def components(stack, slice_of=ONE_SLICE, exterior_open=False, blocks="as they are"):
     with mock.patch.dict(BLOCK_SHIFTS, BLOCKS[blocks]):
         return Components(read_only(stack), slice_of, ring(len(slice_of)), np.full(len(stack), exterior_open))
 
@@ -42,7 +42,7 @@ def random_stack(rng, dim, slices):
 
 
 def assert_same_partition(labels, expected):
-    """Fail unless two labellings, with -1 for none, group the cells alike."""
+    """Fail unless two labellings group the cells equally."""
     np.testing.assert_array_equal(labels < 0, expected < 0)
     pairs = labels.astype(np.int64) * (int(expected.max()) + 2) + expected
     assert count_distinct(labels) == count_distinct(expected) == count_distinct(pairs)
@@ -59,7 +59,7 @@ def all_cells(stack, rotations, around=2):
 
 
 def label_with_scipy(stack, slice_of, exterior_open, cells):
-    """Label cells by scipy on the whole map, with a rim around it and its rotations in a ring."""
+    """Label cells by scipy, with a rim as the exterior."""
     order = slice_of if len(stack) > 1 else [0]
     numbers = []
     for kind, member in enumerate((stack == FREE, stack != BLOCKED)):
@@ -78,9 +78,9 @@ def label_with_scipy(stack, slice_of, exterior_open, cells):
 
 
 @settings(max_examples=100)
-@given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)), st.sampled_from([5, 2048]))
+@given(seeds, st.sampled_from(RINGS), st.sampled_from(list(BLOCKS)), st.sampled_from([5, 2048]))
 def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
-    """Query a few cells first, so that fewer or more labels are cached than fit."""
+    """Query few cells first, so that caches hold few labels."""
     dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
     stack = random_stack(rng, dim, slices)
@@ -104,7 +104,7 @@ def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
+@given(seeds, st.sampled_from(RINGS), st.sampled_from(list(BLOCKS)))
 def test_box_encloses_its_component(seed, kind, blocks):
     dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
@@ -136,8 +136,8 @@ def test_chessboard_has_a_component_per_free_cell(blocks):
 
 @pytest.mark.parametrize("kind", [(2, 1, 1), (2, 3, 3), (3, 1, 1)])
 @pytest.mark.parametrize("grain", [0.0, 1.0, 3.0])
-def test_shapes_across_whole_blocks_are_labelled(kind, grain):
-    """Runs have all lengths up to the last bit of a word; later rows join some components, and none joins others."""
+def test_labels_of_large_shapes_equal_those_of_scipy(kind, grain):
+    """Draw runs of all lengths up to a whole word."""
     dim, slices, rotations = kind
     shape, rng = ((150, 200) if dim == 2 else (20, 30, 140)), np.random.default_rng(dim)
     for share in (0.1, 0.4, 0.7):
@@ -184,7 +184,7 @@ def test_hint_guesses_that_a_room_is_closed():
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
+@given(seeds, st.sampled_from(RINGS), st.sampled_from(list(BLOCKS)))
 def test_block_path_joins_only_joined_cells(seed, kind, blocks):
     dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
@@ -203,7 +203,7 @@ def test_block_path_joins_only_joined_cells(seed, kind, blocks):
 
 @pytest.mark.parametrize("min_blocks", [0, 3])
 def test_block_path_proves_that_mixed_cells_join(min_blocks, monkeypatch):
-    """Paths lead through a door open at one rotation only, or around the map; only short block paths are labelled."""
+    """Open a door at some rotations only, or the exterior."""
     monkeypatch.setattr("cspace.map.components.MIN_BLOCKS_PER_PATH_BLOCK", min_blocks)
     stack = np.zeros((16, 700, 600), dtype=np.uint8)
     stack[:, 350] = BLOCKED
@@ -227,7 +227,7 @@ def test_block_path_proves_that_mixed_cells_join(min_blocks, monkeypatch):
 @settings(max_examples=30)
 @given(seeds, st.sampled_from(handmade.MAP_KINDS), st.sampled_from(["free", "blocked"]))
 def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
-    """Pairs of cells of a small map, whose exterior is FREE or BLOCKED."""
+    """Query all pairs of cells of a small map."""
     states = handmade.random_states(np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED))
     space, cells = handmade.make_map(states, kind, outside), handmade.all_cells(states)
     cells = np.random.default_rng(seed).permutation(cells)[:150]
@@ -250,7 +250,7 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
 @settings(max_examples=10)
 @given(seeds, st.sampled_from(handmade.MAP_KINDS))
 def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
-    """The box holds all joined cells, and each of its sides touches one."""
+    """Compare with the box of all connected cells."""
     states = handmade.random_states(np.random.default_rng(seed), kind)
     space = handmade.make_map(states, kind, spacing=1.0)
     numbers = handmade.components(states == FREE, kind)
@@ -293,33 +293,33 @@ def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
 
 
-def exterior_blocked(gap, outside="blocked"):
-    """Build a room of 40 x 20 cells with a wall that has a gap of ``gap`` cells."""
+def wall_with_gap(gap, outside="blocked"):
+    """Build a room with a wall and a gap."""
     occupied = np.zeros((40, 20), dtype=bool)
     occupied[20, gap:] = True
     return cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.25), outside=outside)
 
 
 def test_door_width_decides_connectivity():
-    assert exterior_blocked(12).is_connected((1.0, 1.0), (3.0, 1.0))
-    assert exterior_blocked(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
-    assert proven_paths(exterior_blocked(5), (1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
+    assert wall_with_gap(12).is_connected((1.0, 1.0), (3.0, 1.0))
+    assert wall_with_gap(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
+    assert proven_paths(wall_with_gap(5), (1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
 
 
 def test_free_exterior_leaves_connectivity_undecided():
-    assert proven_paths(exterior_blocked(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
-    assert exterior_blocked(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
+    assert proven_paths(wall_with_gap(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
+    assert wall_with_gap(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
 
 
 def test_blocked_configurations_are_disconnected():
-    space = exterior_blocked(12)
+    space = wall_with_gap(12)
     assert space.is_disconnected((2.05, 1.8), (2.05, 1.8))
     assert space.is_disconnected((1.0, 1.0), (-5.0, 1.0))
     assert space.is_connected((1.0, 1.0), (1.0, 1.0))
 
 
 def test_bar_passes_only_lengthwise():
-    """A bar fits through a passage lengthwise; it can turn beyond the passage, but not inside."""
+    """Put a bar into a narrow passage."""
     occupied = np.zeros((160, 80), dtype=bool)
     occupied[50:110, :34] = occupied[50:110, 46:] = True  # a passage 0.6 m wide and 3 m long
     robot = Robot.rectangle(1.2, 0.2, (0.1, 0.0))
@@ -345,7 +345,7 @@ def test_rotations_in_place_wrap_around():
 
 
 def test_connectivity_broadcasts_and_refuses_nan():
-    space = exterior_blocked(12)
+    space = wall_with_gap(12)
     assert proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
     assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
     with pytest.raises(InputError, match=r"q0 number 0 is .*nan"):

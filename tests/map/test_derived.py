@@ -1,4 +1,4 @@
-"""Lazy parts: computed once however many threads ask, refreshed, dropped, and left behind by copies of a map."""
+"""Lazy caches: computed once, refreshed, dropped, not copied."""
 
 import copy
 import pickle
@@ -12,7 +12,7 @@ import cspace
 from cspace.map.derived import Lock, lazy
 
 
-class Counter:
+class Recorder:
     def __init__(self):
         self.changes = []
 
@@ -21,7 +21,7 @@ class Counter:
 
 
 class Owner:
-    def __init__(self, make=Counter):
+    def __init__(self, make=Recorder):
         self._lock, self.make, self.made = Lock(), make, 0
 
     @lazy
@@ -35,10 +35,10 @@ class Owner:
         return self.make()
 
 
-def test_one_thread_computes_the_part_and_all_get_it():
+def test_one_thread_computes_the_part_for_all():
     def make():
         time.sleep(0.01)
-        return Counter()
+        return Recorder()
 
     owner, got = Owner(make), []
     threads = [threading.Thread(target=lambda: got.append(owner.part)) for _ in range(8)]
@@ -50,9 +50,9 @@ def test_one_thread_computes_the_part_and_all_get_it():
     assert len(got) == 8 and all(part is owner.part for part in got)
 
 
-def test_a_part_follows_changes_after_it_is_computed():
+def test_a_computed_part_is_refreshed_until_dropped():
     owner = Owner()
-    Owner.part.refresh(owner, "before")  # nothing is there to follow
+    Owner.part.refresh(owner, "before")  # not computed yet
     part = owner.part
     Owner.part.refresh(owner, "after")
     assert part.changes == ["after"]
@@ -63,15 +63,15 @@ def test_a_part_follows_changes_after_it_is_computed():
     assert Owner.part.__doc__ == "Part of the owner."
 
 
-def test_a_part_that_could_not_be_computed_is_computed_at_the_next_access():
+def test_a_failed_part_is_computed_at_the_next_access():
     def fails():
         raise MemoryError
 
     owner = Owner(fails)
     with pytest.raises(MemoryError):
         _ = owner.part
-    owner.make = Counter
-    assert isinstance(owner.part, Counter)
+    owner.make = Recorder
+    assert isinstance(owner.part, Recorder)
 
 
 def test_all_parts_of_an_owner_share_its_lock():
@@ -84,16 +84,16 @@ def test_all_parts_of_an_owner_share_its_lock():
         threads[0].join(10.0)
         threads[1].join(0.1)
         assert [thread.is_alive() for thread in threads] == [False, True]
-        return Counter()
+        return Recorder()
 
     first.make = make
-    part, first.make = first.part, Counter
+    part, first.make = first.part, Recorder
     threads[1].join(10.0)
-    assert isinstance(part, Counter)
+    assert isinstance(part, Recorder)
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
-def test_copies_of_a_map_leave_lock_and_parts_behind(copied):
+def test_copies_of_a_map_share_neither_lock_nor_parts(copied):
     space = cspace.build(cspace.Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1), cspace.Robot.disc(0.1))
     q = (0.3, 0.9), (0.8, 0.4)
     assert space.is_connected(*q)

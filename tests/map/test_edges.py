@@ -1,4 +1,4 @@
-"""Edges against exact clipping, OMPL's own interpolation, and points along them, in every space."""
+"""Edges against exact clipping, OMPL's interpolation, and samples along them."""
 
 import math
 from fractions import Fraction
@@ -16,18 +16,17 @@ import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
-from handmade import Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
-from planning import along_edge
-from strategies import rotation_cells, seeds
+from handmade import ALL_FREE, Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
+from planning import edge
+from strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 H = 0.25
-ALL_FREE = Outside.all_of(FREE)
 
 # ---- positions -------------------------------------------------------------------------------------------------------
 
 
 def touches(start, end, cells, spacing, lower, slack=0):
-    """Whether a closed segment meets one of some closed cells widened by ``slack`` metres, exactly."""
+    """Return True if a segment meets a widened cell, exactly."""
     (h, slack), *rest = map(oracles.units, ((spacing, slack), lower, start, end))
     corner, start, end = rest
     for cell in cells:
@@ -59,7 +58,7 @@ points = st.tuples(places, places, places)
 @example(free_except((1, 2, 1)), ALL_FREE, (0.5, 0.0, 0.5), (0.5, 1.0, 0.5))
 @example(free_except((1, 2, 3)), ALL_FREE, (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
 @example(free_except((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5))  # a point that eight cells share
-@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))  # upright but for tiny numbers
+@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))  # upright except for tiny numbers
 @example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.1, 0.0), (5e-324, 0.1, 1.0))
 @example(free_except((1, 3, 0)), ALL_FREE, (0.25, 1.0, 0.25), (0.25 + 2.0**-54, 0.75, 0.0))
 @example(free_except(), ALL_FREE, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
@@ -76,9 +75,8 @@ points = st.tuples(places, places, places)
 # Upright except for tiny numbers.
 @example(free_except((0, 0), side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 0.25, 0.0))
 @example(free_except((0, 1), side=8, dim=2), ALL_FREE, (0.0, 2.0, 0.0), (1e-300, 0.0, 0.0))
-def test_free_means_that_every_touched_cell_is_free(state, outside, start, end):
-    dim = state.ndim
-    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
+def test_motion_is_free_exactly_if_all_touched_cells_are_free(state, outside, start, end):
+    dim, outside = state.ndim, outside.project(state.ndim)
     start, end, lower, upper = start[:dim], end[:dim], (0.0,) * dim, H * np.array(state.shape)
     stays = all(0.0 <= value <= top for q in (start, end) for value, top in zip(q, upper, strict=True))
     near = np.ndindex(state.shape) if stays else cells_around(state, outside)
@@ -88,15 +86,15 @@ def test_free_means_that_every_touched_cell_is_free(state, outside, start, end):
     free = space.motion_is_free(start, end)
     assert free == space.motion_is_free(end, start) == space.edge_checker()(*start, *end)
     if free == touched:
-        # Allowed only towards refusal, where a closed cell is within the slack of the edge.
+        # The query may refuse a cell within its slack.
         assert not free
         assert touches(start, end, shut, H, lower, 2.0**-26)
 
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from([0.0, 0.3, 3000.1]), st.integers(2, 3))
-def test_no_touched_cell_is_missed_where_numbers_are_rounded(seed, away, dim):
-    """Edges along borders, between lattice points and cell middles, as rounded as they come, against exact clipping."""
+def test_rounding_hides_no_touched_cell(seed, away, dim):
+    """Draw edges between corners and centers of cells."""
     rng = np.random.default_rng(seed)
     h = float(rng.choice([0.1, 1 / 3, rng.uniform(0.01, 3.0)]))
     lower = np.rint(rng.uniform(-5, 1, dim)) * h + away  # the origin lies in the grid, where differences are rounded
@@ -115,12 +113,12 @@ def test_no_touched_cell_is_missed_where_numbers_are_rounded(seed, away, dim):
 
 @settings(max_examples=20)
 @given(seeds, st.sampled_from([(2, 0), (2, 1), (3, 0), (3, 1), (3, 2)]))
-def test_edges_along_a_border_touch_both_sides(seed, which):
-    """The last number below a border touches the cell below it, and the first above it the cell above, exactly."""
+def test_edges_along_a_boundary_touch_both_sides(seed, which):
+    """Use the floats next to the exact boundary."""
     rng, (dim, axis) = np.random.default_rng(seed), which
     for _ in range(15):
         h, k = float(rng.uniform(0.01, 3.0)), int(rng.integers(1, 6))
-        lower = -h * k  # the border lies close to zero, where the difference to the corner is rounded the most
+        lower = -h * k  # the boundary is near zero, where its distance from the corner is rounded the most
         border = Fraction(lower) + Fraction(h) * k
         below = float(border) if Fraction(float(border)) <= border else np.nextafter(float(border), -9.0)
         above = float(border) if Fraction(float(border)) >= border else np.nextafter(float(border), 9.0)
@@ -138,7 +136,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 6, (FREE,) * 20 + (MIXED,))
     dim = states.ndim - 1
-    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
+    outside = outside.project(dim)
     space = handmade.make_map(states, kind, outside)
     inside, around = rng.random((2, 60, dim)) * space.grid.upper, rng.uniform(-0.6, 1.8, (2, 60, dim))
     places = np.where(rng.random((60, 1)) < 0.5, inside, around)
@@ -146,7 +144,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     q0, q1 = handmade.configurations(space, endpoints)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):
-        assert space.is_free(along_edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
+        assert space.is_free(edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -155,15 +153,15 @@ def test_long_edges_outside_the_grid_are_decided(dim):
     rest = (0.6,) * (dim - 1)
     assert space.motion_is_free((-100.0, *[0.5] * (dim - 1)), (100.0, *rest))  # no obstacle at all
     assert not space.motion_is_free((-1e9, *rest), (1e9, *rest))  # too far for the certificate
-    exterior_blocked = map_of(np.zeros((4,) * dim), outside=Outside.all_of(BLOCKED, dim))
-    assert exterior_blocked.motion_is_free((0.0,) * dim, (1.0,) * dim)
+    blocked_outside = map_of(np.zeros((4,) * dim), outside=Outside.all_of(BLOCKED, dim))
+    assert blocked_outside.motion_is_free((0.0,) * dim, (1.0,) * dim)
     for axis, value in product(range(dim), (-0.01, 1.01)):
         q = np.full(dim, 0.5)
         q[axis] = value
-        assert not exterior_blocked.motion_is_free((0.5,) * dim, q)
+        assert not blocked_outside.motion_is_free((0.5,) * dim, q)
 
 
-def test_edges_outside_keep_off_what_is_undecided():
+def test_edges_outside_avoid_undecided_regions():
     space = cspace.build(Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1), Robot.disc(0.2), outside="free")
     assert space.motion_is_free((-1.0, -1.0), (-1.0, 2.0))
     assert not space.motion_is_free((-0.15, -1.0), (-0.15, 2.0))
@@ -171,8 +169,8 @@ def test_edges_outside_keep_off_what_is_undecided():
 
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-def test_batches_broadcast(kind):
-    space = handmade.make_map(np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2))), kind)
+def test_edge_queries_broadcast_batches(kind):
+    space = handmade.make_map(handmade.full_states(kind, 4), kind)
     size = space.size
     one, many = (
         handmade.configurations(space, np.full(size, 0.1)),
@@ -195,36 +193,24 @@ ROOMS = st.sampled_from([(SIDE, SIDE), (2, 2, 2)])
 """Cells of positions, in the plane and in space."""
 
 
-def free_but(closed, rotations, shape=(SIDE, SIDE)):
-    """A map in which all is FREE but some cells, given by numbers that are taken modulo the count of each axis."""
+def map_free_except(closed, rotations, shape=(SIDE, SIDE)):
+    """Build a map that is FREE except in some cells."""
     state = np.full((len(Rotations.of(rotations)), *shape), FREE, dtype=np.uint8)
     for cell in closed:
         state[tuple(c % n for c, n in zip(cell, state.shape, strict=False))] = MIXED
     return map_of(state, rotations, spacing=H)
 
 
-def uniform(low, high):
-    """Numbers without hypothesis's liking for round ones."""
-    return seeds.map(lambda seed: float(np.random.default_rng(seed).uniform(low, high)))
-
-
 coordinates = st.one_of(st.integers(0, 8).map(lambda k: k / 8), st.floats(0, 1), uniform(0, 1))
-yaws = st.one_of(
-    st.floats(-7, 7),
-    uniform(-7, 7),
-    uniform(-7, 7),
-    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TWO_PI, -TWO_PI])),
-)
+yaws = st.one_of(st.floats(-7, 7), uniform(-7, 7), uniform(-7, 7), boundary_yaws)
 endpoints = st.tuples(coordinates, coordinates, coordinates, yaws)
 blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3), max_size=16)
 
 
 def configuration(end, borders, shape):
-    """An end as numbers; a yaw may be drawn as a border of a rotation cell, plus half or whole turns."""
-    *places, yaw = end
-    if isinstance(yaw, tuple):
-        yaw = borders[yaw[1] % len(borders)] + yaw[2]
-    return (*(place * n / SIDE for place, n in zip(places, shape, strict=False)), yaw)
+    """Return a drawn configuration as floats."""
+    *position, yaw = end
+    return (*(value * n / SIDE for value, n in zip(position, shape, strict=False)), resolve_yaw(yaw, borders))
 
 
 @settings(max_examples=100)
@@ -233,15 +219,15 @@ def configuration(end, borders, shape):
 @example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))
 @example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, -0.5), (0.3, 0.3, 0.0, 0.5), (SIDE, SIDE))
 @example(
-    4, [(1, 1, 1, 0)], (0.3, 0.3, 0.0, ("border", 1, 0.0)), (0.7, 0.3, 0.0, ("border", 1, 0.0)), (SIDE, SIDE)
+    4, [(1, 1, 1, 0)], (0.3, 0.3, 0.0, ("boundary", 1, 0.0)), (0.7, 0.3, 0.0, ("boundary", 1, 0.0)), (SIDE, SIDE)
 )  # along a border
-@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, ("border", 1, 0.0)), (0.7, 0.3, 0.0, ("border", 1, 0.0)), (SIDE, SIDE))
+@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, ("boundary", 1, 0.0)), (0.7, 0.3, 0.0, ("boundary", 1, 0.0)), (SIDE, SIDE))
 @example(8, [(1, 1, 1, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))  # half a turn: either way
 @example(8, [(7, 0, 0, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))
 @example(1, [(0, 3, 3, 0)], (0.0, 0.0, 0.0, 1.0), (0.6, 0.6, 0.0, -2.0), (SIDE, SIDE))
 @example(2, [(1, 2, 1, 0)], (0.25, 0.25, 0.0, 1.0), (0.75, 0.75, 0.0, 2.0), (SIDE, SIDE))  # a corner of all three
-def test_free_means_that_every_touched_cell_is_free_at_its_yaws(rotations, closed, start, end, shape):
-    space = free_but(closed, rotations, shape)
+def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(rotations, closed, start, end, shape):
+    space = map_free_except(closed, rotations, shape)
     borders = space.rotations.borders
     q0, q1 = configuration(start, borders, shape), configuration(end, borders, shape)
     walk = (q0, q1, H, (0,) * len(shape), shape, borders)
@@ -250,14 +236,14 @@ def test_free_means_that_every_touched_cell_is_free_at_its_yaws(rotations, close
     closed_cells = set(map(tuple, np.argwhere(space.cell_states != FREE).tolist()))
     if answer:
         assert not closed_cells & oracles.touched_turned_cells(*walk)
-    else:  # a closed cell is touched, but for the slack
+    else:  # the query may refuse a cell within its slack
         assert closed_cells & oracles.touched_turned_cells(*walk, slack=1e-8)
 
 
 @settings(max_examples=60)
 @given(rotation_cells(6), endpoints, endpoints, ROOMS)
-def test_only_touched_cells_matter(rotations, start, end, shape):
-    """With every other cell closed the edge is free, and with any one of those it crosses it is not."""
+def test_edges_test_exactly_the_touched_cells(rotations, start, end, shape):
+    """Block all cells off the edge, then each on it."""
     borders = Rotations.of(rotations).borders
     q0, q1 = configuration(start, borders, shape), configuration(end, borders, shape)
     walk = (q0, q1, H, (0,) * len(shape), shape, borders)
@@ -271,20 +257,20 @@ def test_only_touched_cells_matter(rotations, start, end, shape):
         assert not map_of(one, rotations, spacing=H).motion_is_free(q0, q1)
 
 
-def test_the_shorter_way_is_walked_and_both_at_half_a_turn():
+def test_edges_rotate_the_shorter_way_or_both_at_half_a_turn():
     start, ahead, back = (0.3, 0.3, 0.0), (0.3, 0.3, 2.0), (0.3, 0.3, -2.0)
-    quarter = free_but([(2, 1, 1)], 8)  # closed at a quarter turn to the left
+    quarter = map_free_except([(2, 1, 1)], 8)  # closed at a quarter turn to the left
     assert not quarter.motion_is_free(start, ahead) and quarter.motion_is_free(start, back)
     half = (0.3, 0.3, math.pi)
     assert not quarter.motion_is_free(start, half)
-    assert not free_but([(6, 1, 1)], 8).motion_is_free(start, half)
+    assert not map_free_except([(6, 1, 1)], 8).motion_is_free(start, half)
     for away, expected in ((1e-6, True), (-1e-6, False), (1e-11, False), (-1e-11, False)):
         assert quarter.motion_is_free(start, (0.3, 0.3, math.pi + away)) == expected
     assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TWO_PI - 2.0))
 
 
-def test_borders_have_slack():
-    space = free_but([(1, 1, 1)], [0.0, 1.0, 2.0, TWO_PI])
+def test_rotation_boundaries_have_slack():
+    space = map_free_except([(1, 1, 1)], [0.0, 1.0, 2.0, TWO_PI])
     for yaw, expected in ((1.0 - 0.5 * ANGLE_SLACK, False), (1.0 - 1e-6, True), (2.0 + 1e-6, True), (2.0, False)):
         assert space.motion_is_free((0.3, 0.3, yaw), (0.4, 0.4, yaw)) == expected
     assert not space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0))
@@ -295,7 +281,7 @@ def test_borders_have_slack():
 
 
 def interpolate(q0, q1, times):
-    """Configurations on the way from q0 to q1 as OMPL's SE(2) has it, shape (n, 3)."""
+    """Interpolate by OMPL's SE(2), shape (n, 3)."""
     space = ob.SE2StateSpace()
     bounds = ob.RealVectorBounds(2)
     bounds.setLow(-100.0)
@@ -315,19 +301,19 @@ def interpolate(q0, q1, times):
 
 @settings(max_examples=60)
 @given(rotation_cells(12), seeds)
-def test_edges_are_walked_as_ompl_interpolates(rotations, seed):
-    """Every cell in which OMPL puts a configuration is touched; closing one closes the edge."""
+def test_edges_touch_the_cells_of_ompl_interpolation(rotations, seed):
+    """Block each cell that OMPL interpolates through."""
     rng = np.random.default_rng(seed)
     borders = np.asarray(Rotations.of(rotations).borders)
     q0, q1 = (np.append(rng.uniform(0, 1, 2), rng.uniform(-math.pi, math.pi)) for _ in range(2))
-    if rng.random() < 0.3:  # OMPL takes one way or the other at half a turn
+    if rng.random() < 0.3:  # at half a turn OMPL may rotate either way
         q0[2] = rng.uniform(-math.pi, 0.0)
         q1[2] = q0[2] + math.pi
     between = interpolate(q0.tolist(), q1.tolist(), np.linspace(0, 1, 60).tolist())
-    place = np.clip((between[:, :2] // H).astype(int), 0, SIDE - 1)
-    cells = np.column_stack([Rotations.of(rotations).cell_of(between[:, 2]), place])
+    positions = np.clip((between[:, :2] // H).astype(int), 0, SIDE - 1)
+    cells = np.column_stack([Rotations.of(rotations).cell_of(between[:, 2]), positions])
     for cell in np.unique(cells, axis=0).tolist():
-        assert not free_but([cell], rotations).motion_is_free(q0, q1)
+        assert not map_free_except([cell], rotations).motion_is_free(q0, q1)
     walk = (q0, q1, H, (0, 0), (SIDE, SIDE), borders)
     assert set(map(tuple, cells.tolist())) <= oracles.touched_turned_cells(*walk, slack=1e-8)
 
@@ -339,5 +325,5 @@ def test_edges_outside_the_grid_follow_the_policy():
     blocked = cspace.build(workspace, robot, rotations=16)
     assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))
     assert not free.motion_is_free((-0.25, -1.0, 0.0), (-0.25, 2.0, 0.0))  # the front reaches 0.3 m ahead
-    assert free.motion_is_free((-0.25, -1.0, math.pi), (-0.25, 2.0, math.pi))  # and the back 0.1 m
+    assert free.motion_is_free((-0.25, -1.0, math.pi), (-0.25, 2.0, math.pi))  # and 0.1 m behind
     assert not blocked.motion_is_free((0.5, 0.2, 0.0), (1.5, 0.2, 0.0))

@@ -1,4 +1,4 @@
-"""What is said of configurations outside the grid follows from the rasters."""
+"""States outside the grid against rasters."""
 
 from itertools import product
 
@@ -17,8 +17,8 @@ SLICES = 2
 
 @settings(max_examples=60)
 @given(seeds, st.integers(2, 3), st.booleans())
-def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, exterior_blocked):
-    """Outside the grid, FREE where no outer offset meets an obstacle and BLOCKED only where an inner one leaves."""
+def test_exterior_states_agree_with_the_rasters(seed, dim, exterior_blocked):
+    """Compare with obstacles at the offsets of the rasters."""
     rng = np.random.default_rng(seed)
     shape, rasters = tuple(rng.integers(1, 5, dim).tolist()), []
     occupied = rng.random(shape) < 0.3
@@ -41,16 +41,16 @@ def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, exterio
             return wide[tuple(np.moveaxis(spots, -1, 0))].any(axis=1)
 
         first, last = np.split(outside.box, 2)
-        said = np.where(((first <= cells) & (cells <= last)).all(axis=1), MIXED, outside.state)
-        assert not hits(outer)[said == FREE].any()
-        assert hits(inner)[said == BLOCKED].all()
+        states = np.where(((first <= cells) & (cells <= last)).all(axis=1), MIXED, outside.state)
+        assert not hits(outer)[states == FREE].any()
+        assert hits(inner)[states == BLOCKED].all()
         far = BLOCKED if exterior_blocked and inner.count else MIXED if exterior_blocked else FREE
-        assert outside.state == far and far in said
+        assert outside.state == far and far in states
 
 
 @settings(max_examples=100)
 @given(st.integers(2, 3), st.data())
-def test_whether_all_outside_is_blocked(dim, data):
+def test_is_all_blocked_agrees_with_the_cells_around(dim, data):
     shape = data.draw(st.tuples(*[st.integers(1, 4)] * dim))
     known = [data.draw(outsides(dim)) for _ in range(SLICES)]
     exterior = Exterior(np.array([[*one.box, one.state] for one in known]))

@@ -1,4 +1,4 @@
-"""Paths that the map finds itself: there wherever FREE cells join two configurations, and free all along."""
+"""Paths found by the map itself."""
 
 import itertools
 import math
@@ -7,26 +7,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 import handmade
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Rotations
+from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
 from cspace.map.paths import pulled_straight
 from cspace.map.search import Graph
 from cspace.map.storage import read_only
-from handmade import map_of
+from handmade import map_of, states
+from oracles import path_length
+from refusals import refusals
 from strategies import seeds
-
-
-def states(dims=(2, 3), side=9):
-    shapes = st.sampled_from(dims).flatmap(lambda dim: st.tuples(*[st.integers(1, side)] * dim))
-    return hnp.arrays(np.uint8, shapes, elements=st.sampled_from([FREE, FREE, FREE, MIXED, BLOCKED]))
 
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(handmade.MAP_KINDS))
-def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
-    """Of which it turns none where it need not; a quaternion tells of a rotation with either sign."""
+def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
+    """Keep the rotation if possible; accept quaternions of either sign."""
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 9, (FREE, FREE, FREE, MIXED, BLOCKED))
     free = np.argwhere(states == FREE)
@@ -38,8 +34,8 @@ def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
     for q in (q0, q1):
         q[: space.grid.dim] += space.grid.spacing * rng.uniform(-0.4, 0.4, space.grid.dim)
         q[space.grid.dim :] *= rng.choice([-1.0, 1.0]) if len(space.rotations.names) == 4 else 1.0
-    alone = handmade.components(states[cells[0, 0]][None] == FREE)
-    still = cells[0, 0] == cells[1, 0] and np.ptp(alone[(0, *cells[:, 1:].T)]) == 0
+    same_slice = handmade.components(states[cells[0, 0]][None] == FREE)
+    still = cells[0, 0] == cells[1, 0] and np.ptp(same_slice[(0, *cells[:, 1:].T)]) == 0
     joined = np.ptp(numbers[tuple(cells.T)]) == 0
     for straight in (False, True):
         path = space.find_path(q0, q1, straight=straight)
@@ -54,33 +50,29 @@ def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
                 assert space.is_free(space.rotations._add_steps(path[:-1], share * steps)).all()
     rough, smooth = space.find_path(q0, q1, straight=False), space.find_path(q0, q1)
     if still:
-        assert length(smooth[:, : space.grid.dim]) <= length(rough[:, : space.grid.dim]) * (1 + 1e-12)
+        assert path_length(smooth[:, : space.grid.dim]) <= path_length(rough[:, : space.grid.dim]) * (1 + 1e-12)
     assert (space.find_path(q0, q1) == smooth).all()
-
-
-def length(path):
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 @pytest.mark.parametrize("greed", [1.0, 8.0])
 @settings(max_examples=60)
-@given(states(), st.randoms(use_true_random=False))
-def test_the_step_from_cell_to_cell_touches_free_ones_alone(greed, state, random):
+@given(states(9), st.randoms(use_true_random=False))
+def test_steps_of_a_chain_touch_only_free_cells(greed, state, random):
     free = np.argwhere(state == FREE)
     if not len(free):
         return
-    first, last = (np.append(0, free[random.randrange(len(free))]) for _ in range(2))
-    alone = np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64), np.zeros((1, 0))
-    graph = Graph.of(read_only(state[None]), *alone, [False] * state.ndim)
-    cells = graph.chain(first, last, math.inf, greed=greed)
+    start, goal = (np.append(0, free[random.randrange(len(free))]) for _ in range(2))
+    no_rotations = np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64), np.zeros((1, 0))
+    graph = Graph.of(read_only(state[None]), *no_rotations, [False] * state.ndim)
+    cells = graph.chain(start, goal, math.inf, greed=greed)
     if len(cells):
-        assert (cells[0] == first).all() and (cells[-1] == last).all()
+        assert (cells[0] == start).all() and (cells[-1] == goal).all()
     for a, b in itertools.pairwise(cells[:, 1:]):
         assert np.abs(a - b).max() == 1
         assert (state[tuple(slice(min(i, j), max(i, j) + 1) for i, j in zip(a, b, strict=True))] == FREE).all()
 
 
-def test_a_maze_is_solved_and_pulled_straight():
+def test_find_path_solves_a_maze_and_straightens_the_path():
     state = np.zeros((60, 40, 9), np.uint8)
     for n, x in enumerate(range(6, 60, 8)):
         state[x, 3:] = BLOCKED
@@ -89,11 +81,11 @@ def test_a_maze_is_solved_and_pulled_straight():
     space = map_of(state, outside="blocked", spacing=0.1)
     path = space.find_path((0.05, 2.0, 0.45), (5.95, 2.0, 0.45))
     assert space.motion_is_free(path[:-1], path[1:]).all()
-    assert 7 * 3.5 < length(path) < 7 * 4.4
+    assert 7 * 3.5 < path_length(path) < 7 * 4.4
     assert len(path) < 30
 
 
-def test_pulling_keeps_the_endpoints_and_never_lengthens():
+def test_straightening_keeps_the_endpoints_and_never_lengthens():
     turns = np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)])
     whole = pulled_straight(turns, 2, lambda *q: True, 0.5)
     assert whole.tolist() == [[0.0, 0.0], [4.0, 0.0]]
@@ -104,29 +96,34 @@ def test_pulling_keeps_the_endpoints_and_never_lengthens():
     assert pulled.tolist() in ([[0.0, 0.0], [4.0, 0.0]], turns.tolist())
 
 
-def test_endpoints_on_the_border_of_what_is_not_free_are_not_joined():
+def test_endpoints_on_the_boundary_of_a_mixed_cell_have_no_path():
     state = np.zeros((4, 4), np.uint8)
     state[2, :2] = MIXED
     space = map_of(state, outside="blocked", spacing=1.0)
-    assert space.find_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)  # on the border of a MIXED cell
+    assert space.find_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)
     assert len(space.find_path((2.5, 2.001), (3.5, 2.5)))
 
 
-def test_free_path_refuses():
+SEARCHES = pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
+
+
+@SEARCHES
+@refusals(
+    "q0, q1, options, message",
+    ((0.5, 0.5), (0.5, 1.5), {}, "q1 is .* FREE configuration"),
+    ((-3.0, 0.5), (0.5, 0.5), {}, "q0 is .* FREE configuration"),
+    ((0.5, 0.5), (np.nan, 1.5), {}, "q1 number 0 is .*nan"),
+    ((0.5, 0.5), (1.5, 0.5, 1.0), {}, "q1 has shape"),
+    ((0.5, 0.5), (1.5, 0.5), {"time_limit": 0.0}, r"time_limit is 0\.0"),
+)
+def test_searches_refuse(name, q0, q1, options, message):
     space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), outside="blocked", spacing=1.0)
-    with pytest.raises(ConfigurationError, match=r"q1 is .* FREE configuration"):
-        space.find_path((0.5, 0.5), (0.5, 1.5))
-    with pytest.raises(ConfigurationError, match="q0"):
-        space.find_path((-3.0, 0.5), (0.5, 0.5))
-    with pytest.raises(InputError, match="q1"):
-        space.find_path((0.5, 0.5), (np.nan, 1.5))
-    for search in (space.find_path, space.find_widest_path):
-        with pytest.raises(InputError, match=r"time_limit is 0\.0"):
-            search((0.5, 0.5), (1.5, 0.5), time_limit=0.0)
+    with pytest.raises(InputError, match=message):
+        getattr(space, name)(q0, q1, **options)
 
 
-@pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
-def test_a_search_gives_up_in_time(name):
+@SEARCHES
+def test_search_stops_at_its_time_limit(name):
     search = getattr(map_of(np.zeros((1500, 1500)), outside="blocked", spacing=1.0), name)
     endpoints = (1.5, 1.5), (1498.5, 1498.5)
     assert len(search(*endpoints, time_limit=100.0))  # compiled
@@ -134,18 +131,17 @@ def test_a_search_gives_up_in_time(name):
 
 
 @pytest.mark.parametrize(
-    ("rotations", "first", "last"),
+    ("rotations", "start", "goal"),
     [
         (4, [-math.pi], [math.pi]),
         (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [0.1, -0.5, 0.5, 0.7]),
         (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [-0.1, 0.5, -0.5, -0.7]),
     ],
 )
-def test_a_rotation_stays_one_in_other_numbers(rotations, first, last):
-    """Waypoints lie on long edges, and none of them is turned."""
+def test_equal_rotations_in_other_numbers_need_no_turn(rotations, start, goal):
     states = np.zeros((rotations if rotations == 4 else len(rotations), 30, 5, 5))
-    states[:, 12:15, :4] = MIXED  # round a corner
+    states[:, 12:15, :4] = MIXED  # an obstacle to go around
     space = map_of(states, rotations, spacing=0.25)
-    assert space.is_connected([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
-    path = space.find_path([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
-    assert len(path) > 2 and (path[:, 3:] == first).all() and space.certify_path(path).all()
+    assert space.is_connected([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
+    path = space.find_path([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
+    assert len(path) > 2 and (path[:, 3:] == start).all() and space.certify_path(path).all()

@@ -1,4 +1,4 @@
-"""Marks at three scales against brute force, after changes too, and what threads see while they follow."""
+"""Occupancy pyramids against brute force, also after changes."""
 
 import numpy as np
 import pytest
@@ -14,16 +14,16 @@ from strategies import seeds
 from waiting import while_two_ask
 
 
-def bits_of(words):
-    """The bits of words, shape (slices, a, b, c, layers), as an array of places, shape (slices, x, y, z)."""
+def unpack(words):
+    """Unpack words to bits, shape (slices, x, y, z)."""
     slices, a, b, c, layers = words.shape
     bits = words[..., None] >> np.arange(BLOCK_SIDE * BLOCK_SIDE, dtype=np.uint64) & np.uint64(1)
     bits = bits.reshape(slices, a, b, c, layers, BLOCK_SIDE, BLOCK_SIDE)  # the last are z and y
     return bits.transpose(0, 1, 4, 2, 6, 3, 5).reshape(slices, a * layers, b * BLOCK_SIDE, c * BLOCK_SIDE)
 
 
-def rows_of(words, which):
-    """Some of each nine rows of the plane, shape (slices, y, words), as an array of places."""
+def unpack_rows(words, which):
+    """Unpack the rows ``which`` of each nine plane rows."""
     slices, rows, count = words.shape
     assert not words[..., [0, -1]].any()
     part = np.ascontiguousarray(words[..., 1:-1]).reshape(
@@ -33,27 +33,29 @@ def rows_of(words, which):
     return bits.reshape(slices, 1, -1, bits.shape[-1])
 
 
-def marked(places):
-    """Of places, or of blocks of them, the numbers of those that are marked."""
-    return set(map(tuple, np.argwhere(places).tolist()))
+def index_set(bits):
+    """Return indices of non-zero elements as tuples."""
+    return set(map(tuple, np.argwhere(bits).tolist()))
 
 
-def check(marks, stack, cells):
-    expected = marked(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE)
-    assert bool(marks.cells.size) == cells
+def check(pyramid, stack, cells):
+    """Fail unless all levels agree with the states."""
+    expected = index_set(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE)
+    assert bool(pyramid.cells.size) == cells
     if cells:
-        plane = marks.blocks.shape[-1] == 1
-        assert marked(rows_of(marks.cells, slice(0, BLOCK_SIDE)) if plane else bits_of(marks.cells)) == expected
-    nodes = marks.nodes.view(np.uint8)
-    for places in (bits_of(marks.blocks), nodes):
-        expected = {(s, *(n // BLOCK_SIDE for n in place)) for s, *place in expected}
-        assert marked(places) == expected
-        if cells and plane and places is not nodes:
-            assert marked(rows_of(marks.cells, slice(BLOCK_SIDE, ROWS_PER_BLOCK_ROW))) == expected
+        plane = pyramid.blocks.shape[-1] == 1
+        bits = unpack_rows(pyramid.cells, slice(0, BLOCK_SIDE)) if plane else unpack(pyramid.cells)
+        assert index_set(bits) == expected
+    nodes = pyramid.nodes.view(np.uint8)
+    for bits in (unpack(pyramid.blocks), nodes):
+        expected = {(s, *(n // BLOCK_SIDE for n in position)) for s, *position in expected}
+        assert index_set(bits) == expected
+        if cells and plane and bits is not nodes:
+            assert index_set(unpack_rows(pyramid.cells, slice(BLOCK_SIDE, ROWS_PER_BLOCK_ROW))) == expected
 
 
 def random_box(part, rng):
-    """A box of a slice, and its first and last cell along three axes; or none."""
+    """Draw a window of a slice, possibly empty, and its corners."""
     corners = np.sort(rng.integers(0, part.shape, (2, part.ndim)), axis=0)
     if rng.random() < 0.2:
         corners[1, rng.integers(part.ndim)] = -1
@@ -63,7 +65,7 @@ def random_box(part, rng):
 
 @settings(max_examples=60)
 @given(st.integers(2, 3), seeds, st.sampled_from([1, 3, MAX_DIRTY_BOXES + 2]), st.booleans(), st.booleans())
-def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, eager, packed):
+def test_pyramid_marks_cells_that_are_not_free_after_changes(dim, seed, changes, eager, packed):
     rng = np.random.default_rng(seed)
     side = int(rng.choice([9, 20, 70] if dim == 2 else [9, 20]))
     shape = (int(rng.integers(1, 4)), *rng.integers(1, side, dim).tolist())
@@ -77,10 +79,10 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, eage
                 states.write(number, part)
 
     write()
-    mip = OccupancyPyramid(states, Lock())
-    check(mip.marks(cells=False), stack, False)
+    pyramid = OccupancyPyramid(states, Lock())
+    check(pyramid.marks(cells=False), stack, False)
     for cells in (False, True):
-        marks = mip.marks(cells, eager)
+        marks = pyramid.marks(cells, eager)
         check(marks, stack, cells)
         for _ in range(changes):
             boxes = []
@@ -89,22 +91,22 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, eage
                 part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
                 boxes.append(box)
             write()
-            mip.refresh(np.array(boxes))
-        if eager:  # what was handed out has followed by itself
+            pyramid.refresh(np.array(boxes))
+        if eager:  # marks returned earlier were refreshed
             check(marks, stack, cells)
-        check(mip.marks(cells), stack, cells)
+        check(pyramid.marks(cells), stack, cells)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_clearances_asked_for_while_the_map_is_updated(dim):
-    """Each answer lies between those with and without the obstacle that comes and goes."""
+def test_clearance_during_updates_is_that_of_some_state(dim):
+    """Compare with clearances with and without the changing obstacle."""
     cells = np.zeros((40, 300) if dim == 2 else (40, 70, 20), dtype=bool)
     cells[(5,) * dim] = True
     space = cspace.build(Workspace.from_array(cells, 1.0), Robot.disc(0.1) if dim == 2 else Robot.ball(0.1))
     q = np.random.default_rng(0).uniform(6.5, 18.0, (400, dim))
-    place, on, off = (19,) * dim, np.ones((1,) * dim, dtype=bool), np.zeros((1,) * dim, dtype=bool)
+    position, on, off = (19,) * dim, np.ones((1,) * dim, dtype=bool), np.zeros((1,) * dim, dtype=bool)
     far = space.clearance(q)
-    space.update(on, place)
+    space.update(on, position)
     near = space.clearance(q)
     assert (near < far).any()
     wrong, check = [], space.clearance_checker()
@@ -115,11 +117,11 @@ def test_clearances_asked_for_while_the_map_is_updated(dim):
 
     def change():
         for _ in range(200):
-            space.update(off, place)
-            space.update(on, place)
+            space.update(off, position)
+            space.update(on, position)
 
     while_two_ask(ask, [change])
     assert wrong and not any(wrong)
     assert (space.clearance(q) == near).all()
-    space.update(off, place)
+    space.update(off, position)
     assert [check(*one) for one in q.tolist()] == far.tolist() == space.clearance(q).tolist()

@@ -1,4 +1,4 @@
-"""Overlaps: sums over the robot's rows are the number of pairs that coincide."""
+"""Overlap counts against counts of coinciding cells."""
 
 import itertools
 
@@ -18,7 +18,7 @@ from strategies import bitmaps, robots, seeds
 
 @settings(max_examples=25)
 @given(bitmaps(10), robots(0.25), st.sampled_from(["blocked", "free"]))
-def test_overlap_is_the_stored_count_and_the_sum(occupied, robot, outside):
+def test_overlap_count_equals_the_stored_count_and_the_sum(occupied, robot, outside):
     space = cspace.build(Workspace.from_array(occupied, 0.15), robot, outside=outside, counts=True)
     cells = np.argwhere(np.ones_like(occupied))
     counts = space.overlap_count(space.grid.center_of(cells))
@@ -30,10 +30,10 @@ def test_overlap_is_the_stored_count_and_the_sum(occupied, robot, outside):
 
 @settings(max_examples=50)
 @given(seeds, st.integers(2, 3), st.sampled_from(["free", "blocked"]))
-def test_overlaps_are_the_pairs(seed, dim, outside):
-    """Of any raster, in the grid and around it."""
+def test_overlap_count_counts_the_pairs_of_cells(seed, dim, outside):
+    """Use any raster, in the grid and around it."""
     rng = np.random.default_rng(seed)
-    shape, size = (tuple(rng.integers(1, most, dim).tolist()) for most in (6, 5))
+    shape, size = (tuple(rng.integers(1, stop, dim).tolist()) for stop in (6, 5))
     occupied, cells = rng.random(shape) < 0.4, rng.random(size) < 0.6
     cells[tuple(rng.integers(0, size))] = True
     raster = Raster.from_bitmap(cells, tuple(rng.integers(-4, 3, dim).tolist()))
@@ -47,7 +47,7 @@ def test_overlaps_are_the_pairs(seed, dim, outside):
     assert space.contains_robot(q).tolist() == (expected == len(offsets)).tolist()
 
 
-def test_runs_are_the_cells_of_a_raster():
+def test_runs_cover_the_cells_of_a_raster():
     cells = np.random.default_rng(0).random((3, 4, 5)) < 0.5
     raster = Raster.from_bitmap(cells, (-2, 7, 1))
     runs = Runs.of([raster]).rows
@@ -57,7 +57,7 @@ def test_runs_are_the_cells_of_a_raster():
 
 
 @pytest.mark.parametrize(("count", "dtype"), [(300, np.int16), (32_767, np.int16), (32_768, np.int32)])
-def test_sums_of_long_columns_do_not_overflow(count, dtype):
+def test_sums_of_long_columns_use_wide_enough_integers(count, dtype):
     sums = Sums(np.ones((1, 2, count), bool)).counts
     assert sums.dtype == dtype
     assert (sums == np.arange(count + 1)).all()

@@ -1,4 +1,4 @@
-"""Look-ups of one cell, and of boxes of cells: kinds of answers, borders, the outside, containment, threads."""
+"""Queries of single configurations and of boxes of configurations."""
 
 import itertools
 import math
@@ -15,9 +15,9 @@ import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
-from handmade import Outside, free_except, map_of, outsides, state_of, states
+from handmade import ALL_FREE, Outside, free_except, map_of, outsides, state_of, states
 from refusals import refusals
-from strategies import rotation_cells, seeds
+from strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 POLICIES = st.sampled_from(["blocked", "free"])
 L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
@@ -25,7 +25,7 @@ L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1,
 
 @pytest.fixture(scope="module", params=handmade.MAP_KINDS)
 def space(request):
-    """A wall with a gap, in every space."""
+    """Build a wall with a gap, in every space."""
     dim = 3 if "space" in request.param else 2
     occupied = np.zeros((40, 30, 12)[:dim], dtype=bool)
     occupied[18:22, :18] = True
@@ -42,19 +42,19 @@ def space(request):
 
 
 def somewhere(space):
-    """A configuration in the grid."""
+    """Return a configuration in the grid."""
     return [0.0, 3.0, 0.1][: space.grid.dim] + {0: [], 1: [0.7], 4: [0.0, 0.6, 0.0, -0.8]}[len(space.rotations.names)]
 
 
-# ---- kinds of answers ------------------------------------------------------------------------------------------------
+# ---- types of results ------------------------------------------------------------------------------------------------
 
-LOOKUPS = ["classify", "is_free", "clearance", "overlap_count", "contains_robot"]
+QUERIES = ["classify", "is_free", "clearance", "overlap_count", "contains_robot"]
 
 
-def test_one_configuration_gets_a_python_number(space):
+def test_one_configuration_returns_a_python_number(space):
     q = somewhere(space)
-    kinds = {"classify": int, "is_free": bool, "clearance": float, "overlap_count": int, "contains_robot": bool}
-    assert {name: type(getattr(space, name)(q)) for name in LOOKUPS} == kinds
+    types = {"classify": int, "is_free": bool, "clearance": float, "overlap_count": int, "contains_robot": bool}
+    assert {name: type(getattr(space, name)(q)) for name in QUERIES} == types
     assert type(space.motion_is_free(q, q)) is bool
     assert type(space.is_free_around(q, 0.1, 0.1)) is bool
     assert type(space.point_checker()(*q)) is bool
@@ -76,10 +76,10 @@ def with_value(q, axis, value):
     (lambda q: 1.0, "axis must be| shape"),
     (lambda q: "home", "numeric|number"),
 )
-def test_queries_refuse_what_is_no_configuration(space, change, message):
+def test_queries_refuse_invalid_configurations(space, change, message):
     q = somewhere(space)
     wrong = change(q)
-    for name in (*LOOKUPS, "nearest_free"):
+    for name in (*QUERIES, "nearest_free"):
         with pytest.raises(InputError, match=message):
             getattr(space, name)(wrong)
     for query in (space.motion_is_free, space.is_connected, space.is_disconnected):
@@ -91,10 +91,10 @@ def test_queries_refuse_what_is_no_configuration(space, change, message):
 
 
 @pytest.mark.parametrize("far", [1.01 * MAX_ANGLE, -2 * MAX_ANGLE])
-def test_queries_refuse_numbers_that_are_no_rotation_and_take_any_position(space, far):
+def test_queries_refuse_huge_rotations_and_accept_any_position(space, far):
     q = somewhere(space)
     wrong = with_value(q, len(q) - 1, far)
-    queries = [getattr(space, name) for name in LOOKUPS]
+    queries = [getattr(space, name) for name in QUERIES]
     queries += [lambda q: space.is_free_around(q, 0.1, 0.1), lambda wrong: space.motion_is_free(q, wrong)]
     queries += [lambda wrong: space.is_connected(wrong, q)]
     for query in queries:
@@ -106,12 +106,12 @@ def test_queries_refuse_numbers_that_are_no_rotation_and_take_any_position(space
 
 
 @pytest.mark.parametrize(("distance", "angle"), [(-0.1, 0.0), (0.1, -1e-9), (math.nan, 0.0), (0.0, math.inf)])
-def test_is_free_around_refuses(space, distance, angle):
+def test_is_free_around_refuses_invalid_distances_and_angles(space, distance, angle):
     with pytest.raises(InputError):
         space.is_free_around(somewhere(space), distance, angle)
 
 
-def test_the_bad_one_of_many_is_named(space):
+def test_queries_name_the_invalid_configuration_of_a_batch(space):
     for hole, value in itertools.product(range(space.size), (np.nan, np.inf, -np.inf)):
         q = handmade.configurations(space, np.full((600, space.size), 0.1))
         q[513, hole] = value
@@ -123,19 +123,19 @@ def test_the_bad_one_of_many_is_named(space):
                 space.motion_is_free(*endpoints)
 
 
-def test_state_is_read_only(space):
+def test_cell_states_are_read_only(space):
     with pytest.raises(ValueError, match="read-only"):
         space.cell_states[(0,) * space.cell_states.ndim] = FREE
 
 
-def test_refuses_states_that_do_not_fit(space):
+def test_states_of_another_shape_are_refused(space):
     states = space._kernel_map.states
     for other in (states[1:], states[..., 1:], states[None], np.concatenate([states, states]), states.astype(int)):
         with pytest.raises(InputError, match="map's shape"):
             handmade.map_in(space.workspace, space.robot, other, space.rotations)
 
 
-def test_a_state_has_one_slice_for_cells_that_symmetry_joins():
+def test_states_have_one_slice_for_symmetric_rotation_cells():
     workspace, robot = Workspace.from_array(np.zeros((3, 4), bool), 0.1), Robot.rectangle(0.2, 0.1)
     assert handmade.map_in(workspace, robot, np.zeros((4, 3, 4), np.uint8), 8).cell_states.shape == (8, 3, 4)
     for shape in ((3, 4), (8, 3, 4), (4, 4, 3)):
@@ -146,8 +146,8 @@ def test_a_state_has_one_slice_for_cells_that_symmetry_joins():
 # ---- the state of a cell ---------------------------------------------------------------------------------------------
 
 
-def test_whole_turns_change_nothing(space):
-    """Nor does the sign of a quaternion."""
+def test_equal_rotations_get_equal_states(space):
+    """Add whole turns to yaws; negate quaternions."""
     states = space.cell_states.reshape(-1, *space.grid.shape)
     cells, number = handmade.all_cells(states)[::97], 1 % len(states)
     for wraps in {0: (0,), 1: (-1000, -1, 0, 1, 1000), 4: (1, -1)}[len(space.rotations.names)]:
@@ -164,11 +164,10 @@ def test_whole_turns_change_nothing(space):
 
 @settings(max_examples=100)
 @given(states(), outsides(3), seeds)
-def test_a_cell_below_a_border_and_one_above_it(state, outside, seed):
-    """Of the cell above a border, but for the grid's own upper border; spacing and corner are powers of two."""
+def test_boundary_belongs_to_the_cell_above(state, outside, seed):
+    """Use numbers exact in binary."""
     rng, dim = np.random.default_rng(seed), state.ndim
-    outside = Outside(outside.box.reshape(2, 3)[:, :dim].ravel(), outside.state)
-    lower = np.array([-1.0, 0.5, 2.0])[:dim]
+    outside, lower = outside.project(dim), np.array([-1.0, 0.5, 2.0])[:dim]
     space = map_of(state, None, outside, 0.25, tuple(lower.tolist()))
     upper = lower + 0.25 * np.array(state.shape)
     q = lower + rng.uniform(-5, 12, (200, dim)) * 0.25
@@ -179,8 +178,8 @@ def test_a_cell_below_a_border_and_one_above_it(state, outside, seed):
     assert space.classify(q).tolist() == [state_of(state, outside, tuple(cell)) for cell in cells.tolist()]
 
 
-def test_every_look_up_takes_the_same_rotation_cell_on_far_borders():
-    """Wrapping by many turns rounds; all look-ups must round alike, or a label is read from another cell's slice."""
+def test_queries_agree_on_the_rotation_cell_at_far_boundaries():
+    """Wrap by many turns, which rounds."""
     cells = Rotations.of(72)
     states = np.arange(72) % 3
     space = map_of(np.broadcast_to(states[:, None, None], (72, 3, 3)), 72)
@@ -194,10 +193,10 @@ def test_every_look_up_takes_the_same_rotation_cell_on_far_borders():
         assert [space.point_checker()(*one) for one in q.tolist()] == (expected == FREE).tolist()
 
 
-# ---- the outside -----------------------------------------------------------------------------------------------------
+# ---- the exterior ----------------------------------------------------------------------------------------------------
 
 
-def test_the_outside_follows_the_policy():
+def test_exterior_states_follow_the_policy():
     workspace = Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     blocked = cspace.build(workspace, Robot.disc(0.3))
     free = cspace.build(workspace, Robot.disc(0.3), outside="free")
@@ -207,7 +206,7 @@ def test_the_outside_follows_the_policy():
 
 @pytest.mark.parametrize("state", [FREE, MIXED, BLOCKED])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_far_away_is_outside(dim, state):
+def test_far_configurations_have_the_exterior_state(dim, state):
     space = map_of(np.zeros((2,) * dim), outside=Outside.all_of(state, dim))
     assert space.classify(np.diag([1e300, -1e300, 1e30][:dim])).tolist() == [state] * dim
 
@@ -218,33 +217,30 @@ coordinates = st.one_of(st.integers(-2, 7).map(lambda k: k / 4), st.integers(-6,
 points = st.tuples(*[coordinates | st.floats(-0.5, 1.75)] * 3)
 
 
-ALL_FREE = Outside.all_of(FREE)
-
-
 @settings(max_examples=100)
 @given(states(4, (FREE,) * 15 + (BLOCKED,)), outsides(3), points, st.sampled_from([0.0, 0.125, 0.25, 0.3, 0.5]))
 @example(free_except(), ALL_FREE, (0.5, 0.5, 0.5), 0.5)
 @example(free_except(), Outside.all_of(BLOCKED), (0.5, 0.5, 0.5), 0.5)
-@example(free_except((3, 3, 3)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)  # a corner that a closed cell shares
+@example(free_except((3, 3, 3)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)  # a MIXED cell shares a corner
 @example(free_except((0, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
 @example(free_except((3, 3), dim=2), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
-def test_a_cube_is_free_where_all_its_cells_are(state, outside, q, distance):
-    q, outside = q[: state.ndim], Outside(outside.box.reshape(2, 3)[:, : state.ndim].ravel(), outside.state)
+def test_is_free_around_tests_all_cells_of_a_cube(state, outside, q, distance):
+    q, outside = q[: state.ndim], outside.project(state.ndim)
     low = [4 * (Fraction(value) - Fraction(distance)) for value in q]
     high = [4 * (Fraction(value) + Fraction(distance)) for value in q]
 
-    def shut(slack):
-        """Whether a cell that meets the cube, but for so much, is anything but FREE."""
+    def meets_cells(slack):
+        """Return True if the shrunk cube meets other cells."""
         ranges = [range(math.ceil(a - slack) - 1, math.floor(b + slack) + 1) for a, b in zip(low, high, strict=True)]
         return any(state_of(state, outside, cell) != FREE for cell in itertools.product(*ranges))
 
     if map_of(state, outside=outside).is_free_around(q, distance):
-        assert not shut(0)
-    else:  # a closed cell is met, but for the slack
-        assert shut(Fraction(2.0**-24))
+        assert not meets_cells(0)
+    else:  # the query may refuse a cell within its slack
+        assert meets_cells(Fraction(2.0**-24))
 
 
-def test_cubes_of_any_size_are_quick():
+def test_is_free_around_accepts_cubes_of_any_size():
     space = map_of(np.zeros((4, 4, 4)), outside=Outside(np.array([-9, -9, -9, -5, -5, -5]), FREE))
     assert space.is_free_around((0.5, 0.5, 0.5), 1.0)
     assert not space.is_free_around((0.5, 0.5, 0.5), 1e5)
@@ -256,16 +252,10 @@ def test_cubes_of_any_size_are_quick():
 
 
 H, SIDE = 0.25, 4
-uniform = seeds.map(lambda seed: float(np.random.default_rng(seed).uniform(0, 1)))
-"""Numbers without hypothesis's liking for round ones."""
-turned_yaws = st.one_of(
-    uniform.map(lambda share: 14.0 * share - 7.0),
-    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TWO_PI, -TWO_PI])),
-)
 
 
 def meets_box(cell, borders, q, distance, angle, slack=0.0):
-    """Whether a closed cell meets the box of configurations around q; yaws at all turns."""
+    """Return True if a cell meets the box around q."""
     if not all(
         H * n - distance - slack <= v <= H * (n + 1) + distance + slack for n, v in zip(cell[1:], q, strict=False)
     ):
@@ -277,17 +267,16 @@ def meets_box(cell, borders, q, distance, angle, slack=0.0):
 @settings(max_examples=60)
 @given(
     rotation_cells(8),
-    st.tuples(uniform, uniform | st.integers(0, 8).map(lambda k: k / 8), turned_yaws),
+    st.tuples(uniform(0, 1), uniform(0, 1) | st.integers(0, 8).map(lambda k: k / 8), uniform(-7, 7) | boundary_yaws),
     st.sampled_from([0.0, 0.05, 0.125, 0.25, 0.6]),
-    st.one_of(uniform.map(lambda share: 3.0 * share), st.sampled_from([0.0, 0.1, 2.0, math.pi, 9.0])),
+    st.one_of(uniform(0, 3), st.sampled_from([0.0, 0.1, 2.0, math.pi, 9.0])),
     st.sampled_from([(SIDE, SIDE), (2, 3, 3)]),
 )
-def test_a_box_is_free_where_all_cells_that_meet_it_are(rotations, end, distance, angle, shape):
-    """With every other cell closed the box is free, and with any one of those that meet it, it is not."""
+def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distance, angle, shape):
+    """Block all cells outside the box, then each inside."""
     borders = Rotations.of(rotations).borders
     x, y, yaw = end
-    if isinstance(yaw, tuple):
-        yaw = borders[yaw[1] % len(borders)] + yaw[2]
+    yaw = resolve_yaw(yaw, borders)
     q = (x, y, yaw) if len(shape) == 2 else (0.5 * x, 0.75 * y, 0.3, yaw)
     state = np.full((len(borders) - 1, *shape), MIXED, dtype=np.uint8)
     cells = list(np.ndindex(state.shape))
@@ -302,7 +291,7 @@ def test_a_box_is_free_where_all_cells_that_meet_it_are(rotations, end, distance
         assert not map_of(one, rotations, spacing=H).is_free_around(q, distance, angle)
 
 
-def test_boxes_that_begin_on_a_border_far_off():
+def test_is_free_around_is_safe_at_far_boundaries():
     space = map_of(np.where(np.arange(63) == 40, MIXED, FREE)[:, None, None] * np.ones((1, 3, 3)), 63)
     borders, closed = np.asarray(space.rotations.borders), space.rotations.centers[:, 0][40]
     angle = 1.0
@@ -314,7 +303,7 @@ def test_boxes_that_begin_on_a_border_far_off():
             assert not space.is_free_around(q, 0.0, angle)[near].any()
 
 
-# ---- robots within obstacles -----------------------------------------------------------------------------------------
+# ---- robots inside obstacles -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -329,7 +318,7 @@ def test_boxes_that_begin_on_a_border_far_off():
         ),
     ],
 )
-def test_contains_robot_finds_the_fit(shape, robot, rotations, answers):
+def test_contains_robot_is_true_where_the_robot_fits(shape, robot, rotations, answers):
     occupied = np.pad(np.ones(np.subtract(shape, 2), dtype=bool), 1)
     space = cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside="free")
     assert space.contains_robot(list(answers)).tolist() == list(answers.values())
@@ -339,7 +328,7 @@ def test_contains_robot_finds_the_fit(shape, robot, rotations, answers):
 
 
 @pytest.mark.parametrize("rotations", [None, 10])
-def test_look_ups_from_many_threads_agree(rotations):
+def test_queries_from_many_threads_agree(rotations):
     rng = np.random.default_rng(5)
     occupied = rng.random((300, 300) if rotations is None else (80, 80)) < 0.01
     q = rng.uniform(-1, 16 if rotations is None else 5, (24, 1000, 2 if rotations is None else 3))

@@ -1,4 +1,4 @@
-"""The set of FREE cells: draws that are uniform over it, and its member nearest to a configuration."""
+"""Uniform samples of FREE cells, and the nearest FREE configuration."""
 
 import math
 import time
@@ -12,6 +12,7 @@ import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
+from refusals import refusals
 from strategies import rotation_cells, seeds
 
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
@@ -19,7 +20,7 @@ BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
 
 @pytest.fixture(scope="module", params=[*handmade.MAP_KINDS, "shared"])
 def space(request):
-    """Maps of several hundred cells, some of them with rotation cells that are not equally wide, or share slices."""
+    """Build a random map, possibly with unequal rotation cells."""
     rng = np.random.default_rng(3)
     if request.param == "shared":
         workspace = Workspace.from_array(np.zeros((5, 4), bool), 0.3, (-4.0, 7.0))
@@ -32,12 +33,12 @@ def space(request):
 
 
 def test_samples_are_uniform_over_the_free_volume(space):
-    """Chi-squared over the FREE cells by volume, and over parts of a cell; six standard deviations."""
+    """Test chi-squared at six standard deviations."""
     n, dim = 200_000, space.grid.dim
     samples = space.sample_free(n, np.random.default_rng(1))
     assert space.is_free(samples).all()
-    place = space.grid.cell_of(samples[:, :dim])
-    within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - place
+    positions = space.grid.cell_of(samples[:, :dim])
+    within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - positions
     turn, widths = space.rotations._cells_of(samples), space.rotations._volumes
     if len(space.rotations.names) == 1:
         above = samples[:, dim] - np.asarray(space.rotations.borders)[turn]
@@ -45,7 +46,7 @@ def test_samples_are_uniform_over_the_free_volume(space):
     states = space.cell_states.reshape(len(widths), *space.grid.shape)
     parts = 2 ** within.shape[1]
     part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
-    cell = np.ravel_multi_index((turn, *place.T), states.shape)
+    cell = np.ravel_multi_index((turn, *positions.T), states.shape)
     bins = np.bincount(cell * parts + part, minlength=states.size * parts)
     volume = np.where(states == FREE, widths.reshape(-1, *[1] * dim), 0.0).ravel()
     free = np.repeat(volume > 0, parts)
@@ -55,7 +56,7 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert abs(statistic - freedom) < 6 * np.sqrt(2 * freedom)
 
 
-def test_samples_repeat_with_the_seed(space):
+def test_sample_free_repeats_with_the_seed(space):
     samples = space.sample_free(500, np.random.default_rng(0))
     assert samples.shape == (500, space.size)
     assert (samples == space.sample_free(500, np.random.default_rng(0))).all()
@@ -64,7 +65,7 @@ def test_samples_repeat_with_the_seed(space):
     assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.size)
 
 
-def test_sampling_without_rng_draws_free_configurations_anew(space):
+def test_sample_free_without_rng_draws_new_configurations(space):
     first, second = space.sample_free(50), space.sample_free(50, None)
     assert np.asarray(space.is_free(first)).all() and np.asarray(space.is_free(second)).all()
     assert (first != second).any()
@@ -72,8 +73,8 @@ def test_sampling_without_rng_draws_free_configurations_anew(space):
 
 
 @pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
-def test_few_free_cells_are_all_drawn(free):
-    """Where the FREE cells are few and lie at the ends of what is counted together."""
+def test_sample_free_draws_each_of_few_free_cells(free):
+    """Place FREE cells at the ends of blocks counted together."""
     states = np.full((1, 25, 40), BLOCKED)
     states.flat[free] = FREE
     space = handmade.make_map(states, "plane", spacing=1.0)
@@ -83,8 +84,8 @@ def test_few_free_cells_are_all_drawn(free):
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(handmade.MAP_KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
-def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
-    """Against all FREE cells, from within the grid and from beyond it."""
+def test_nearest_free_returns_the_nearest_cell(seed, kind, rotations, spacing, dense):
+    """Compare with all FREE cells, from inside and outside."""
     rng = np.random.default_rng(seed)
     states = handmade.random_states(rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,))
     if "turning" in kind and "any way" not in kind:
@@ -106,33 +107,39 @@ def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
         assert distance(nearest) == pytest.approx(distance(free).min())
 
 
-def test_nearest_free_does_not_look_at_all_of_a_large_map():
-    """A map of a million and a half cells for each millisecond that a test may wonder about."""
+def test_nearest_free_searches_only_part_of_a_large_map():
     states = np.zeros((1, 6000, 6000), dtype=np.uint8)
     states[0, 2000:2300, 2000:2600] = BLOCKED
     space = handmade.make_map(states, "plane", spacing=1.0)
     space.nearest_free((1.0, 1.0))
-    began = time.perf_counter()
+    start = time.perf_counter()
     assert space.nearest_free((2100.2, 2300.2)).tolist() == [1999.5, 2300.5]
-    assert time.perf_counter() - began < 0.05
+    assert time.perf_counter() - start < 0.05  # searching all 36 million cells takes longer
 
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-def test_nothing_free_is_an_error_that_says_so(kind):
-    states = np.full((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2)), BLOCKED)
-    space = handmade.make_map(states, kind)
+def test_a_map_without_free_cells_is_refused(kind):
+    space = handmade.make_map(handmade.full_states(kind, 3, BLOCKED), kind)
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         space.sample_free(1, np.random.default_rng(0))
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         space.nearest_free(handmade.configurations(space, np.full(space.size, 0.1)))
 
 
-def test_sampling_and_nearest_free_refuse(space):
-    for rng in (3, "seed", np.random):
-        with pytest.raises(InputError, match="rng"):
-            space.sample_free(3, rng)
-    for n in (-1, 2.5, "3"):
-        with pytest.raises(InputError, match="n is"):
-            space.sample_free(n, np.random.default_rng(0))
+@refusals(
+    "n, rng, message",
+    (3, 3, "rng is 3"),
+    (3, "seed", "rng is 'seed'"),
+    (3, np.random, "rng is <module"),
+    (-1, None, "n is -1"),
+    (2.5, None, "n is 2.5"),
+    ("3", None, "n is '3'"),
+)
+def test_sample_free_refuses(space, n, rng, message):
+    with pytest.raises(InputError, match=message):
+        space.sample_free(n, rng)
+
+
+def test_nearest_free_refuses_a_batch(space):
     with pytest.raises(InputError, match="one configuration"):
         space.nearest_free(handmade.configurations(space, np.ones((2, space.size))))

@@ -1,4 +1,4 @@
-"""Slices: rasters of the turned robot, quarter turns by permutation, and slices that symmetry shares."""
+"""Slices: rasters of the rotated robot, and symmetry."""
 
 import math
 
@@ -29,14 +29,14 @@ def rotation(yaw):
 @given(robots(), st.sampled_from([4, 8, 12, 20]), st.sampled_from([0.0, 0.07]))
 def test_permuted_quarter_turns_equal_fresh_rasters(robot, count, margin):
     cells = Rotations.of(count)
-    made = slice_rasters(robot, 0.17, margin, cells)
-    turns = zip(cells.centers[:, 0].tolist(), cells.covering_angles.tolist(), strict=True)
-    for pair, (yaw, covering_angle) in zip(made, turns, strict=False):
+    rasters = slice_rasters(robot, 0.17, margin, cells)
+    rotations = zip(cells.centers[:, 0].tolist(), cells.covering_angles.tolist(), strict=True)
+    for pair, (yaw, covering_angle) in zip(rasters, rotations, strict=False):
         fresh = robot.rasters(0.17, margin, RotationCell(rotation(yaw), covering_angle, about_z=True))
         assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 
-L_SHAPE = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
+L_BITMAP = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
 
 
 @pytest.mark.parametrize(
@@ -45,21 +45,20 @@ L_SHAPE = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
         (Robot.box((0.83, 0.41, 0.27)), Rotations.quaternions(2), 2),
         (Robot.box((0.5, 0.5, 0.27)), Rotations.quaternions(2), 1),
         (Robot.box((0.5, 0.5, 0.5), (0.1, 0.1, 0.1)), Rotations.quaternions(3), 7),
-        (Robot.from_bitmap(L_SHAPE, 0.23, (-0.31, -0.17, -0.12)), Rotations.quaternions(3), 27),
-        (Robot.from_bitmap(L_SHAPE, 0.23, (-0.31, -0.17, -0.115)), Rotations.quaternions(3), 15),
+        (Robot.from_bitmap(L_BITMAP, 0.23, (-0.31, -0.17, -0.12)), Rotations.quaternions(3), 27),
+        (Robot.from_bitmap(L_BITMAP, 0.23, (-0.31, -0.17, -0.115)), Rotations.quaternions(3), 15),
         (Robot.box((0.5, 0.3, 0.2), (0.1, 0.0, 0.0)), Rotations.of(12), 2),
         (Robot.polygon([(0.3, 0.0), (-0.2, 0.25), (-0.2, -0.25)]), Rotations.of(16), 3),
     ],
     ids=["box", "square", "cube", "cells", "mirrored cells", "drone", "triangle"],
 )
-def test_what_turns_and_mirrors_of_the_world_make_are_fresh_rasters(robot, rotations, fresh):
-    """Of a box, 16 cells need one raster; a cube's quarter turns, and mirrors of what has two like sides, add to it."""
+def test_rasters_by_world_symmetry_equal_fresh_rasters(robot, rotations, fresh):
+    """Count the rasters; symmetries of the grid give others."""
     assert len(raster_tasks(robot, 0.17, 0.02, rotations)) == fresh
-    made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations._shape_cells(robot.dim)
+    rasters, cells = slice_rasters(robot, 0.17, 0.02, rotations), rotations._shape_cells(robot.dim)
     for number, cell in zip(*np.unique(rotations._slices_for(robot.shape), return_index=True), strict=True):
-        own = robot.rasters(0.17, 0.02, turns[cell])
-        for one, other in zip(made[number], own, strict=True):
-            # Pieces of the border that are as long along two of their sides may be cut across either.
+        for one, other in zip(rasters[number], robot.rasters(0.17, 0.02, cells[cell]), strict=True):
+            # A piece of the boundary with two equally long sides may be cut across either.
             assert len(oracles.raster_offsets(one) ^ oracles.raster_offsets(other)) <= 0.02 * one.count
 
 
@@ -70,21 +69,21 @@ SYMMETRIC = {
     "two discs": (Robot.from_balls([(0.3, 0.1), (-0.3, -0.1)], 0.15), 2),
     "four discs": (Robot.from_balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 4),
     "disc": (Robot.disc(0.25), 0),
-    "disc off its middle": (Robot.disc(0.25, (0.1, 0.0)), 1),
+    "disc off its center": (Robot.disc(0.25, (0.1, 0.0)), 1),
     "two unequal discs": (Robot.from_balls([(0.3, 0.1), (-0.3, -0.1)], [0.15, 0.2]), 1),
-    "rectangle off its middle": (Robot.rectangle(0.7, 0.3, (1e-9, 0.0)), 1),
+    "rectangle off its center": (Robot.rectangle(0.7, 0.3, (1e-9, 0.0)), 1),
     "triangle": (Robot.polygon([(0.3, 0.0), (-0.2, 0.25), (-0.2, -0.25)]), 1),
 }
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_symmetry_is_detected(name):
+def test_shape_detects_its_symmetry(name):
     robot, order = SYMMETRIC[name]
     assert robot.shape.symmetry == order
 
 
-def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypatch):
-    """Of a box, four cells share one, and as half turns of the world make others, one raster does for sixteen."""
+def test_sharing_slices_in_space_changes_no_state(monkeypatch):
+    """Share each slice of a box among four rotation cells."""
     workspace = Workspace.from_array(np.random.default_rng(0).random((8, 7, 6)) < 0.03, 0.1)
     robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
     shared = cspace.build(workspace, robot, rotations=turns, counts=True)
@@ -98,7 +97,7 @@ def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypat
 
 @pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
 @pytest.mark.parametrize("count", [1, 2, 4, 6, 7, 8, 12])
-def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
+def test_sharing_slices_in_the_plane_changes_no_state(name, count, monkeypatch):
     robot, order = SYMMETRIC[name]
     workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
     shared = cspace.build(workspace, robot, rotations=count, counts=True)
@@ -116,7 +115,7 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
     assert shared.count() == alone.count() == tuple(np.bincount(alone.cell_states.ravel(), minlength=3))
 
 
-def test_unequal_cells_share_nothing_but_a_discs():
+def test_unequal_rotation_cells_share_slices_only_for_discs():
     borders = [0.0, 1.0, math.pi, math.pi + 1.0, TWO_PI]
     cells = Rotations.of(borders)
     assert cells._slices_for(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]

@@ -1,4 +1,4 @@
-"""States in two bits: every answer is that of the map with a byte a state, and so are files and updates."""
+"""States packed in two bits against states in bytes."""
 
 import copy
 
@@ -17,42 +17,42 @@ from cspace.rotations import Rotations
 RNG = np.random.default_rng(0)
 
 
-def room(shape):
-    """Some obstacles, at different places along each axis, as many cells in a slice as four do not divide."""
+def draw_workspace(shape):
+    """Draw obstacles at different positions along each axis."""
     occupied = np.zeros(shape, dtype=bool)
     occupied[tuple(RNG.integers(0, shape, (7, len(shape))).T)] = True
     return Workspace.from_array(occupied, 0.1)
 
 
 def wedge():
-    """A mesh without symmetries."""
+    """Build a robot without symmetries."""
     parts = [trimesh.creation.box((0.4, 0.1, 0.1)), trimesh.creation.box((0.1, 0.1, 0.3))]
     parts[1].apply_translation((0.15, 0.03, 0.2))
     return Robot.from_mesh(trimesh.util.concatenate(parts))
 
 
-TRIANGLE = Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
-CASES = {
-    "SE(2)": lambda: (room((21, 35)), TRIANGLE, 9),
-    "SE(2), quarter turns": lambda: (room((13, 70)), TRIANGLE, 12),
-    "R^3 x yaw": lambda: (room((11, 9, 13)), wedge(), 8),
-    "SE(3)": lambda: (room((11, 9, 13)), wedge(), Rotations.quaternions(2)),
+TRIANGLE = Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])  # without symmetries
+MAPS = {
+    "SE(2)": lambda: (draw_workspace((21, 35)), TRIANGLE, 9),
+    "SE(2), quarter turns": lambda: (draw_workspace((13, 70)), TRIANGLE, 12),
+    "R^3 x yaw": lambda: (draw_workspace((11, 9, 13)), wedge(), 8),
+    "SE(3)": lambda: (draw_workspace((11, 9, 13)), wedge(), Rotations.quaternions(2)),
 }
 
 
-def both(name, monkeypatch, **options):
-    """A map with a byte a state, and with two bits."""
-    workspace, robot, rotations = CASES[name]()
-    bytes_ = cspace.build(workspace, robot, rotations=rotations, **options)
+def build_both(name, monkeypatch, **options):
+    """Build a map with bytes, and with two bits."""
+    workspace, robot, rotations = MAPS[name]()
+    unpacked = cspace.build(workspace, robot, rotations=rotations, **options)
     monkeypatch.setattr(limits, "MAX_UNPACKED_STATES", 0)
-    bits = cspace.build(workspace, robot, rotations=rotations, **options)
-    size = bytes_._kernel_map.states.size
-    assert bits._facts["memory_bytes"] < size // 4 + 20 < bytes_._facts["memory_bytes"] == size
-    return bytes_, bits
+    packed = cspace.build(workspace, robot, rotations=rotations, **options)
+    size = unpacked._kernel_map.states.size
+    assert packed._facts["memory_bytes"] < size // 4 + 20 < unpacked._facts["memory_bytes"] == size
+    return unpacked, packed
 
 
 @pytest.mark.parametrize("size", [1, 3, 4, 7, 8, 33, 64, 999])
-def test_slices_are_what_was_written(size):
+def test_packed_states_return_what_was_written(size):
     states = RNG.integers(0, 3, (9, size), dtype=np.uint8)
     packed = PackedStates(states.shape)
     for number in RNG.permutation(9):
@@ -68,12 +68,12 @@ def test_slices_are_what_was_written(size):
         packed[9]
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MAPS)
 @pytest.mark.parametrize("method", ["direct", "fft"])
-def test_a_map_is_the_same_in_two_bits(name, method, monkeypatch):
+def test_build_packs_equal_states_and_reports_its_steps(name, method, monkeypatch):
     monkeypatch.setattr(builder, "SCRATCH_BYTES", 3000)
     done = []
-    one, two = both(name, monkeypatch, method=method, progress=lambda *steps: done.append(steps))
+    one, two = build_both(name, monkeypatch, method=method, progress=lambda *steps: done.append(steps))
     np.testing.assert_array_equal(two.cell_states, one.cell_states)
     np.testing.assert_array_equal(two._kernel_map.exterior, one._kernel_map.exterior)
     assert one.count() == two.count()
@@ -84,8 +84,8 @@ def test_a_map_is_the_same_in_two_bits(name, method, monkeypatch):
     assert steps[-1] == slices
 
 
-def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch, tmp_path):
-    one, two = both("SE(2)", monkeypatch, outside="free")
+def test_packed_map_answers_like_the_unpacked_one(monkeypatch, tmp_path):
+    one, two = build_both("SE(2)", monkeypatch, outside="free")
     q = RNG.uniform((-0.5, -0.5, -4.0), (2.6, 4.0, 4.0), (3000, 3))
     assert one.update(np.eye(4, 3) > 0, (3, 4)) == two.update(np.eye(4, 3) > 0, (3, 4))
     assert one.is_free(two.sample_free(300, np.random.default_rng(0))).all()
@@ -104,8 +104,8 @@ def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch,
     assert other.count() != two.count()
 
 
-def test_samples_are_uniform_over_the_free_cells(monkeypatch):
-    _, two = both("SE(2)", monkeypatch)
+def test_packed_map_samples_its_free_cells_uniformly(monkeypatch):
+    _, two = build_both("SE(2)", monkeypatch)
     samples = two.sample_free(20_000, np.random.default_rng(0))
     drawn = np.column_stack([two.rotations._cells_of(samples[:, 2:]), two.grid.cell_of(samples[:, :2])])
     numbers, times = np.unique(drawn, axis=0, return_counts=True)
@@ -113,17 +113,17 @@ def test_samples_are_uniform_over_the_free_cells(monkeypatch):
     assert times.max() < 8.0 * times.mean()
 
 
-def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
-    _, two = both("SE(2)", monkeypatch)
+def test_unpacking_refuses_too_little_memory(monkeypatch, tmp_path):
+    _, two = build_both("SE(2)", monkeypatch)
     monkeypatch.setattr(storage, "free_bytes", lambda: 1000)
-    for ask in (lambda: two.cell_states, two.to_xarray, lambda: two.export(tmp_path / "map.npz")):
+    for unpack in (lambda: two.cell_states, two.to_xarray, lambda: two.export(tmp_path / "map.npz")):
         with pytest.raises(InputError, match=r"6\.6\d kB.*950 bytes.*states_at"):
-            ask()
+            unpack()
     assert two.states_at(0.3).shape == two.grid.shape
 
 
 def test_maps_with_overlap_counts_store_bytes(monkeypatch):
     monkeypatch.setattr(limits, "MAX_UNPACKED_STATES", 0)
-    workspace, robot, rotations = CASES["SE(2)"]()
+    workspace, robot, rotations = MAPS["SE(2)"]()
     space = cspace.build(workspace, robot, rotations=rotations, counts=True)
     assert space._facts["memory_bytes"] == 5 * space._kernel_map.states.size

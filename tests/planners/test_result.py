@@ -34,7 +34,7 @@ from planning import (
     room,
     wrap_rotations,
 )
-from tests.soak.plane import moved
+from tests.soak.plane import move_points
 
 
 @pytest.fixture(scope="module", params=SPACES_WITH_CURVES, ids=lambda case: case[1] or case[0])
@@ -97,7 +97,7 @@ BOX_SIDES = {"space": (0.3, 0.3, 0.1), "yawing": (0.4, 0.2, 0.1), "floating": (0
 
 def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, radius: float, q: np.ndarray) -> float:
     """Return the distance of a robot from obstacles, less a radius."""
-    return float(shapely.transform(robot, lambda points: moved(points, q[None])[0]).distance(obstacles)) - radius
+    return float(shapely.transform(robot, lambda points: move_points(points, q[None])[0]).distance(obstacles)) - radius
 
 
 def oracle(name: str) -> Callable[[np.ndarray], float]:

@@ -1,4 +1,4 @@
-"""Maps shared by tests of pictures, which do not modify them."""
+"""Maps shared by tests of pictures; no test modifies them."""
 
 import numpy as np
 import pytest
@@ -14,13 +14,16 @@ def flat() -> CSpace:
 
 @pytest.fixture(scope="package")
 def turning() -> CSpace:
-    """A map of a long robot whose reference point is off its center."""
+    """Build a map of a long, off-center robot."""
     return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
 
 
 @pytest.fixture(scope="package")
 def hall() -> CSpace:
-    """A map of 6 m x 4 m x 2.4 m without symmetry: a floor, a wall with a window at x 2.8 to 3.2, a block, a pillar."""
+    """Build a map of 6 m x 4 m x 2.4 m without symmetry.
+
+    It has a floor, a wall with a window at x = 2.8 to 3.2, a block and a pillar.
+    """
     occupied = np.zeros((60, 40, 24), bool)
     occupied[..., 0] = True
     occupied[28:32] = True

@@ -1,4 +1,4 @@
-"""Animations: position of the robot, slice at its yaw, and files."""
+"""Animations of robots, slices and files."""
 
 import math
 import pickle
@@ -12,13 +12,12 @@ from scipy.ndimage import label
 
 import planners
 from cspace import Arm, CSpace, Robot, Workspace, build, build_arm_space
-from cspace.arms import PosedShape
 from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot.animation import PlaneAnimation
 from cspace.plot.route import Route
 from pictures import check_cells, pixel
-from urdfs import planar
+from urdfs import planar, posed_box
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT: tuple[int, ...] = (0x3F, 0xB7, 0x95)
@@ -26,7 +25,7 @@ PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 
 def frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
-    """Return pixels and milliseconds of each frame, and the number of loops."""
+    """Return pixels, milliseconds and number of loops."""
     pixels, times = [], []
     with Image.open(file) as image:
         for number in range(image.n_frames):
@@ -37,7 +36,10 @@ def frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
 
 
 def middle(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDArray[np.float64]:
-    """Return mean column and row, from the bottom, of the largest patch of a colour."""
+    """Return the center of the largest patch of a colour.
+
+    It is a column and a row, from the bottom.
+    """
     patches, _ = label((np.abs(frame.astype(int) - color) < 12).all(axis=-1))
     rows, columns = np.nonzero(patches == 1 + np.bincount(patches.ravel())[1:].argmax())
     return np.array([columns.mean(), -rows.mean()])
@@ -68,7 +70,10 @@ PURPLE = (0x6A, 0x1B, 0x9A)
 
 
 def greens(frame: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return a mask of the pixels of a robot in any light, without the legend below."""
+    """Return a mask of the green pixels above the legend.
+
+    A robot is green in any light.
+    """
     red, green, blue = np.moveaxis(frame.astype(int), -1, 0)
     found: NDArray[np.bool_] = (green > red + 40) & (green > blue + 10)
     found[int(0.9 * len(found)) :] = False
@@ -81,7 +86,7 @@ def center(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 @pytest.fixture(scope="module")
 def tunnel() -> CSpace:
-    """A hall with a wall across it and a gap above the wall."""
+    """Build a hall with a wall below a gap."""
     cells = np.zeros((40, 20, 20), dtype=bool)
     cells[19:21, :, :10] = cells[:, :, 0] = True
     return build(Workspace.from_array(cells, 0.1), Robot.box((0.4, 0.3, 0.2)), rotations=8)
@@ -102,7 +107,7 @@ def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> 
 
 
 def test_wall_hides_the_robot_behind_it(tunnel: CSpace, tmp_path: Path) -> None:
-    """Seen along x, the robot is behind the wall at first."""
+    """Look along x, from behind the wall."""
     path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
     for number, azimuth in enumerate((0.0, 180.0)):
         file = animate(tunnel, path, tmp_path / f"{number}.gif", camera=(0.0, azimuth), seconds=0.2, rate=5)
@@ -112,9 +117,7 @@ def test_wall_hides_the_robot_behind_it(tunnel: CSpace, tmp_path: Path) -> None:
 
 def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
     pytest.importorskip("yourdfpy")
-    post = np.eye(4)
-    post[:3, 3] = 1.6, -1.6, 0.0
-    arm = build_arm_space({"post": PosedShape(Robot.box((0.2, 0.2, 0.6)).shape, post)}, Arm.from_urdf(planar(tmp_path)))
+    arm = build_arm_space({"post": posed_box((0.2, 0.2, 0.6), 1.6, -1.6)}, Arm.from_urdf(planar(tmp_path)))
     plan = planners.plan(arm, (0.0, 0.0), (1.5, 0.0), time_limit=20)
     plan.animate(tmp_path / "arm.gif", camera=(90.0, -90.0), seconds=0.8, rate=5)
     pixels = frames(tmp_path / "arm.gif")[0]

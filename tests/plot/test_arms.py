@@ -1,4 +1,4 @@
-"""Pictures of arms: positions of links and obstacles, pale arms along a path, and refusals."""
+"""Pictures of arms: links, obstacles and paths."""
 
 from typing import Any
 
@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 import cspace
 import planners
-from cspace.arms import PosedShape
 from cspace.errors import ConfigurationError, InputError
 from cspace.plot.animation import PlaneAnimation
 from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, interpolate_joints
@@ -17,7 +16,7 @@ from cspace.plot.artists import LOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR
 from cspace.plot.route import Route
 from cspace.plot.surface import SURFACES
 from refusals import refusals
-from urdfs import planar
+from urdfs import planar, posed_box
 
 pytest.importorskip("yourdfpy")
 PATH_OF_JOINTS = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]
@@ -25,13 +24,11 @@ PATH_OF_JOINTS = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]
 
 @pytest.fixture(scope="module")
 def space(tmp_path_factory: pytest.TempPathFactory) -> cspace.ArmSpace:
-    pose = np.eye(4)
-    pose[:2, 3] = -0.4, 1.0
-    blocks = {"block": PosedShape(cspace.Robot.box((0.4, 0.2, 1.0)).shape, pose)}
+    blocks = {"block": posed_box((0.4, 0.2, 1.0), -0.4, 1.0)}
     return cspace.build_arm_space(blocks, cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"))))
 
 
-def test_an_animation_of_a_map_of_joints_is_in_radians(space: cspace.ArmSpace) -> None:
+def test_animation_of_a_joint_map_is_in_radians(space: cspace.ArmSpace) -> None:
     joints = cspace.build_joint_map(space, 0.2)
     stage = PlaneAnimation(joints, Route.of(joints, [(0.0, 0.0), (0.5, 0.5)], None, None), None)
     labels = {label for ax in stage.figure.axes for label in (ax.get_xlabel(), ax.get_ylabel())}
@@ -39,7 +36,7 @@ def test_an_animation_of_a_map_of_joints_is_in_radians(space: cspace.ArmSpace) -
 
 
 def painted(ax: Any, color: str) -> Any:
-    """Return the corners of polygons in shades of a colour, shape (n, 4, 3)."""
+    """Return polygons (n, 4, 3) in shades of a colour."""
     (collection,) = ax.collections
     shades, hue = collection._facecolor3d[:, :3], np.array(to_rgb(color))
     bright = shades @ hue / (hue @ hue)
@@ -76,9 +73,8 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
 def test_edges_blocked_by_another_scene_have_their_own_colour(space: cspace.ArmSpace) -> None:
     plan = planners.plan(space, (0.0, 0.0), (1.2, 0.0), seed=1)
     assert plan.certified and not len(painted(space.plot(path=plan), LOST_COLOR))
-    tip = np.eye(4)
-    tip[:3, 3] = 1.9 * np.cos(0.6), 1.9 * np.sin(0.6), 0.0
-    again = cspace.build_arm_space({"box": PosedShape(cspace.Robot.box((0.1, 0.1, 0.1)).shape, tip)}, space.arm)
+    block = posed_box((0.1, 0.1, 0.1), 1.9 * np.cos(0.6), 1.9 * np.sin(0.6))
+    again = cspace.build_arm_space({"box": block}, space.arm)
     assert not plan.recheck(again).all()
     ax = again.plot(path=plan)
     assert len(painted(ax, LOST_COLOR))
@@ -86,9 +82,7 @@ def test_edges_blocked_by_another_scene_have_their_own_colour(space: cspace.ArmS
 
 
 def test_floor_is_clipped_near_the_arm(space: cspace.ArmSpace) -> None:
-    pose = np.eye(4)
-    pose[2, 3] = -1.0
-    floor = PosedShape(cspace.Robot.box((100.0, 100.0, 0.1)).shape, pose)
+    floor = posed_box((100.0, 100.0, 0.1), 0.0, 0.0, -1.0)
     drawn = painted(cspace.build_arm_space({"floor": floor}, space.arm).plot(), SURFACES["obstacles"][1]).reshape(-1, 3)
     assert np.ptp(drawn, axis=0).max() < 6.0
     assert drawn[:, 2].max() == pytest.approx(-0.95)

@@ -1,4 +1,4 @@
-"""Images of cells show every blocked cell at any zoom."""
+"""Images of cells at any zoom."""
 
 from functools import cache
 from typing import Any
@@ -31,7 +31,7 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
 
 @cache
 def axes() -> Any:
-    """Return axes without text, which show one image after another."""
+    """Return axes without text."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -43,7 +43,7 @@ def axes() -> Any:
 
 
 def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:
-    """Draw cells of side 0.5 from (-3, 7); return the axes, of a size in pixels, and their pixels."""
+    """Draw cells; return the axes and their pixels."""
     ax = axes()
     ax.figure.set_size_inches(size[0] / 100, size[1] / 100)
     for image in ax.images:
@@ -58,7 +58,7 @@ def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) 
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_no_blocked_cell_vanishes(data: st.DataObject) -> None:
-    """Each visible cell darkens a pixel near it, for all sizes of map, picture and view."""
+    """Look for a dark pixel near each visible cell."""
     shape = data.draw(st.tuples(st.integers(1, 1200), st.integers(1, 1200)))
     corner = st.tuples(st.integers(0, shape[0] - 1), st.integers(0, shape[1] - 1))
     blocked = data.draw(st.lists(corner, min_size=1, max_size=5))

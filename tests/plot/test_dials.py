@@ -45,4 +45,4 @@ def test_discs_show_the_state_of_each_heading_and_tilt() -> None:
         turns = tilts * Rotation.from_rotvec([0.0, 0.0, k * np.pi / 3.0 + 1e-6])
         for place, turn in zip(zip(x, y, strict=True), turns.as_quat(), strict=True):
             right += pixel(ax, image, *place) == color_at(space, *turn)
-    assert right >= 220  # of 240; some are on the border of two cells or below text
+    assert right >= 220  # the others are on the border of two cells or below text

@@ -1,4 +1,4 @@
-"""Panels: each shows the slice of its rotation and the part of the path with the nearest rotations."""
+"""Panels of slices and parts of paths."""
 
 import math
 from typing import Any
@@ -31,14 +31,14 @@ def test_panels_choose_yaws(turning: CSpace) -> None:
     assert yaws_of(plot(turning, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
     assert yaws_of(plot(turning, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
     assert yaws_of(plot(turning, rotation=0.0, view="panels")) == ["yaw 0°"]
-    # A centered rectangle has half as many different slices as rotation cells; a disc has one.
+    # A centered rectangle has one slice for two rotation cells; a disc has one for all.
     around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)
     assert yaws_of(plot(around, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 30, 60, 90, 120, 150)]
     assert len(yaws_of(plot(build(turning.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
 
 
 def lines_of(ax: Any) -> dict[str, Any]:
-    """Return the points of the lines in a panel by label, without gaps."""
+    """Return points of lines by label, without gaps."""
     drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in ax.lines if line.get_label()[0] != "_"}
     return {label: points[np.isfinite(points).all(axis=1)] for label, points in drawn.items()}
 

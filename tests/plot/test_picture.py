@@ -31,7 +31,7 @@ from pictures import COLORS, check_cells, check_within, class_of, heading, headi
 
 @pytest.mark.parametrize("yaw", ["none", None, 0.0, 1.2, -2.0, 7.0])
 def test_each_pixel_shows_the_state_of_its_cell(flat: CSpace, turning: CSpace, yaw: Any) -> None:
-    """The picture shows one slice, or all; the map is queried configuration by configuration."""
+    """Compare pictures of slices with single queries."""
     shown = flat if yaw == "none" else turning
     ax = plot(shown, rotation=None if yaw == "none" else yaw)
     yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.centers[:, 0]]
@@ -73,7 +73,7 @@ def test_the_legend_names_what_is_there(flat: CSpace, turning: CSpace) -> None:
 
 @pytest.mark.parametrize("outside", ["free", "blocked"])
 def test_exterior_of_the_grid_is_hatched(outside: str) -> None:
-    """The hatching has no colour of a class, and an entry in the legend."""
+    """Compare the hatching with colours of classes."""
     space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1), outside=outside)
     ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
     assert ax.get_xlim()[0] == pytest.approx(-1.1)
@@ -117,7 +117,7 @@ def test_colors_differ_even_in_grey() -> None:
 
 
 def lab(color: Any) -> Any:
-    """Return the CIELAB values of an sRGB colour; a distance of 2 is just noticeable."""
+    """Convert sRGB to CIELAB; 2 is just noticeable."""
     given = np.array(to_rgb(color))
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
     xyz = np.array([(0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505)]) @ linear
@@ -134,7 +134,7 @@ def test_obstacle_unknown_and_free_cells_have_distinct_colors() -> None:
 
 
 def test_path_colors_differ_from_map_colors() -> None:
-    """This includes the faint path away from a section: 45 % over white."""
+    """Include the faint path, 45 % over white."""
     faint = 0.45 * np.array(to_rgb(artists.PATH_COLOR)) + 0.55
     low, high = scene.LOW_COLOR, scene.HIGH_COLOR
     for color in (artists.PATH_COLOR, artists.LOST_COLOR, low, high, faint):
@@ -153,7 +153,7 @@ def test_repr_tells_shares_of_occupied_and_unknown_cells(data: Path) -> None:
 
 @pytest.mark.parametrize("taken", ["free", "occupied"])
 def test_unknown_cells_have_their_own_colours(taken: str) -> None:
-    """Unknown cells have their colours, unless the state says more, and entries in the legend."""
+    """Test colours of unknown cells, and the legend."""
     rng = np.random.default_rng(5)
     outer, unknown = rng.random((2, 30, 20)) < 0.06
     outer = outer | unknown if taken == "occupied" else outer & ~unknown
@@ -176,7 +176,7 @@ def test_unknown_cells_have_their_own_colours(taken: str) -> None:
 
 
 def test_a_notebook_shows_the_figure(flat: CSpace) -> None:
-    """Axes of a new figure have an HTML representation; axes of the caller do not."""
+    """Represent only axes of new figures as HTML."""
     html = vars(flat.plot())["_repr_html_"]()
     png = base64.b64decode(html.split("base64,")[1].split('"')[0])
     assert Image.open(io.BytesIO(png)).size[0] > 400
@@ -255,7 +255,7 @@ def test_holes_of_the_robot_stay_open() -> None:
 
 
 def stage(view: str, shape: tuple[int, ...], count: int) -> Any:
-    """Axes of a picture of an empty map of a shape, in a view, with a path from corner to corner."""
+    """Draw an empty map with a path; return its axes."""
     turns = {"rotations": 8} if view == "panels" else {}
     robot = Robot.box((0.01, 0.01, 0.01)) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
     space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), robot, outside="free", **turns)  # type: ignore[arg-type]
@@ -304,7 +304,7 @@ def test_zoom_shows_a_part_of_each_view(flat: CSpace, turning: CSpace, hall: CSp
     assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
     check_cells(turning, ax, rendered(ax), np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2)), [(0.0,)])
     assert not {"start", "outside the grid"} & set(labels(ax)) and {"path", "robot"} <= set(labels(ax))
-    # It goes to the middle of the path by itself, and ends where the map does.
+    # By default it is at the middle of the path, and ends at the map's border.
     assert np.mean(plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)]).get_xlim()) == pytest.approx(2.0)
     assert plot(turning, zoom=4.0, center=(0.2, 0.1)).get_xlim() == pytest.approx((0.0, 1.2))
     assert len(plot(turning, zoom=1e9, center=(4.51, 2.51)).images[0].get_extent()) == 4

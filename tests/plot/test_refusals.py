@@ -1,4 +1,4 @@
-"""Pictures of every kind refuse invalid arguments and leave no file behind."""
+"""Pictures refuse invalid arguments."""
 
 import math
 from pathlib import Path

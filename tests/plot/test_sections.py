@@ -1,4 +1,4 @@
-"""Sections of maps in space: cells, scale, traces, and robots that meet a section."""
+"""Sections of maps in space: cells, scale, traces and robots."""
 
 from itertools import pairwise, product
 from typing import Any
@@ -26,7 +26,7 @@ def shown(space: CSpace, cell: NDArray[np.int64]) -> str:
 
 
 def pairs(figure: Any) -> list[tuple[int, int]]:
-    """Return the coordinates that each panel shows to the right and up, from the labels of its axes."""
+    """Return the coordinates shown in each panel."""
     plan, front, side = figure.axes
     names = [
         (plan.get_xlabel(), plan.get_ylabel()),
@@ -39,7 +39,7 @@ def pairs(figure: Any) -> list[tuple[int, int]]:
 
 
 def test_a_workspace_draws_itself(hall: CSpace) -> None:
-    """The sections show obstacles and free cells, without a robot."""
+    """Test obstacles and free cells, without a robot."""
     ax = hall.workspace.plot(center=(3.0, 1.2, 1.0))
     assert labels(ax) == ["obstacle", "free"]
     assert heading(ax) == "array, cells of 0.1 m"
@@ -49,7 +49,7 @@ def test_a_workspace_draws_itself(hall: CSpace) -> None:
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0)])
 def test_sections_show_the_map(order: tuple[int, ...]) -> None:
-    """Every panel, in both arrangements, shows the cells of its section."""
+    """Test the cells of every panel, in both arrangements."""
     rng = np.random.default_rng(3)
     shape = np.array([40, 30, 8])[list(order)]
     occupied = np.zeros(tuple(shape), bool)
@@ -101,7 +101,7 @@ def test_sections_show_traces_of_the_others(hall: CSpace) -> None:
 @settings(max_examples=40, deadline=None)
 @given(st.data())
 def test_clip_path_keeps_the_parts_between_two_planes(data: st.DataObject) -> None:
-    """The clipped length equals the length of the path between the two planes."""
+    """Compare with the length of the path between two planes."""
     points = data.draw(arrays(np.float64, st.tuples(st.integers(2, 6), st.just(3)), elements=st.integers(-4, 4)))
     axis = data.draw(st.integers(0, 2))
     low, high = sorted(data.draw(st.tuples(st.integers(-5, 5), st.integers(-5, 5))))
@@ -119,7 +119,7 @@ def test_clip_path_keeps_the_parts_between_two_planes(data: st.DataObject) -> No
 
 
 def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
-    """The path is solid where the robot reaches the section, and faint elsewhere."""
+    """Draw the path faintly outside the robot's reach."""
     ax = plot(hall, path=PATH, center=(3.0, 1.2, 1.0), robot_every=0.5)
     for panel, pair, across in zip(ax.figure.axes, pairs(ax.figure), (2, 1, 0), strict=True):
         drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
@@ -142,7 +142,7 @@ def sections_of(ax: Any) -> list[float]:
 
 
 def test_sections_run_through_the_path_or_the_middle(hall: CSpace) -> None:
-    """Default: half the way along the path, the start, the goal, or the center of the grid."""
+    """Test paths, starts, goals and grid centers."""
     assert sections_of(plot(hall, center=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
     points = sections_of(plot(hall, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
     assert points == [1.0, 2.5, 0.5]
@@ -161,7 +161,7 @@ def test_sections_omit_legend_and_title(hall: CSpace) -> None:
 
 
 def test_sections_show_one_rotation_or_all() -> None:
-    """Sections show all rotations or one; the robot is drawn rotated, from above and from the side."""
+    """Draw the rotated robot from above and from the side."""
     workspace = Workspace.from_array(np.zeros((12, 10, 8), bool), 0.5)
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)
     robot = Robot.box((1.6, 0.4, 0.8), center=(0.2, 0.0, 0.0))

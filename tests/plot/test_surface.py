@@ -23,7 +23,10 @@ PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
 
 def places(corners: NDArray[np.float64]) -> set[tuple[int, ...]]:
-    """Return the centers of faces, in halves of a cell, and the axes normal to them."""
+    """Return centers and normal axes of faces.
+
+    Centers are in half cells.
+    """
     middles = np.rint((corners.mean(axis=1) - GRID.lower) / 0.5 * 2).astype(int)
     axes = np.ptp(corners, axis=1).argmin(axis=1)
     return {(*middle.tolist(), int(axis)) for middle, axis in zip(middles, axes, strict=True)}
@@ -36,7 +39,7 @@ directions = st.tuples(*[st.sampled_from([-1.0, -0.4, 0.0, 0.3, 1.0])] * 3).filt
 @settings(max_examples=100, deadline=None)
 @given(cells, directions)
 def test_border_faces_face_the_camera(solid: NDArray[np.bool_], towards: tuple[float, ...]) -> None:
-    """Faces separate solid from other cells towards the camera, after walls in front are removed."""
+    """Compare with borders of cells, without front walls."""
     grid = Grid(GRID.lower, 0.5, solid.shape)
     faces, _ = border_faces(grid, solid, np.array(towards))
     left = solid.copy()
@@ -66,7 +69,7 @@ def test_border_faces_face_the_camera(solid: NDArray[np.bool_], towards: tuple[f
 
 @pytest.mark.parametrize("most", [20, 60, 200])
 def test_merged_blocks_cover_all_solid_cells(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
-    """The faces are few enough, and every solid cell is below one."""
+    """Count the faces, and search for solid cells below."""
     monkeypatch.setattr(surface, "MAX_FACES", most)
     solid = np.zeros((23, 17, 11), bool)
     solid[tuple(np.random.default_rng(most).integers(0, solid.shape, (250, 3)).T)] = True
@@ -97,7 +100,7 @@ def polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 @pytest.mark.parametrize("shown", ["obstacles", "free"])
 def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> None:
-    """Behind each face is a solid cell; in front of it is none."""
+    """Test the cells behind and before each face."""
     ax = plot(hall, view="3d", surface=shown)
     corners, colors = polygons(ax)
     assert len(corners) > 500
@@ -137,7 +140,7 @@ def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
 
 
 def test_unknown_cells_have_their_own_colour_in_3d() -> None:
-    """Blocks are brown if all of their cells are unknown."""
+    """Colour blocks brown if all their cells are unknown."""
     outer = np.zeros((12, 12, 6), bool)
     outer[2:5, 2:5, :3] = outer[7:10, 7:10, :3] = True
     unknown = np.zeros_like(outer)

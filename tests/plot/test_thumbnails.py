@@ -18,7 +18,7 @@ OCCUPIED[18:22, :16] = True
 
 
 def picture(subject: Any) -> Any:
-    """Return the pixels of a thumbnail, the first row at the bottom."""
+    """Return pixels, the first row at the bottom."""
     image = Image.open(io.BytesIO(thumbnail(subject)))
     assert image.format == "PNG"
     assert 100 <= max(image.size) <= 250
@@ -59,7 +59,7 @@ def test_robots_show_their_outline() -> None:
 
 
 def near(pixels: Any, color: str) -> Any:
-    """Return a mask of the pixels with nearly a given colour."""
+    """Return a mask of pixels near a colour."""
     return np.abs(pixels.astype(int) - np.round(255 * np.array(to_rgb(color)))).max(axis=2) < 30
 
 

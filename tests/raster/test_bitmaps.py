@@ -15,7 +15,9 @@ CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 
 
 def _unit_edges(cells: np.ndarray) -> set[tuple[int, int, int, int]]:
-    """Return the directed unit edges of the outline, counterclockwise around each cell.
+    """Return the directed unit edges of the outline.
+
+    They run counterclockwise around each cell.
 
     Opposite edges of neighbouring cells cancel.
     """
@@ -32,7 +34,7 @@ def _unit_edges(cells: np.ndarray) -> set[tuple[int, int, int, int]]:
 
 
 @given(cells=CELLS)
-def test_segments_are_the_unit_edges_merged(cells: np.ndarray) -> None:
+def test_segments_merge_the_unit_edges(cells: np.ndarray) -> None:
     units = set()
     for x0, y0, x1, y1 in boundary_segments(cells, 1.0, (0.0, 0.0)).astype(int).tolist():
         steps = max(abs(x1 - x0), abs(y1 - y0))
@@ -45,7 +47,7 @@ def test_segments_are_the_unit_edges_merged(cells: np.ndarray) -> None:
 
 
 @given(cells=CELLS)
-def test_signed_area_is_the_number_of_cells(cells: np.ndarray) -> None:
+def test_signed_area_equals_the_number_of_cells(cells: np.ndarray) -> None:
     x0, y0, x1, y1 = boundary_segments(cells, 0.5, (-2.0, 3.0)).T
     assert 0.5 * np.sum(x0 * y1 - x1 * y0) == pytest.approx(0.25 * cells.sum())
 

@@ -1,4 +1,4 @@
-"""Rasters of balls, boxes and voxels against their definitions in exact rational arithmetic."""
+"""Rasters of balls, boxes and voxels, against exact rational arithmetic."""
 
 from fractions import Fraction
 from itertools import product
@@ -27,7 +27,7 @@ MARGINS = [0.0, 0.125, 0.3]
 
 
 def exact(values):
-    """Convert floats to an object array of integers, in units of the oracles."""
+    """Convert floats to integers in units of the oracles."""
     array = np.asarray(values, dtype=float)
     scaled = [Fraction(float(value)) * UNIT for value in array.flat]
     assert all(value.denominator == 1 for value in scaled)
@@ -35,12 +35,12 @@ def exact(values):
 
 
 def cube_sides(count, first, lower, spacing, b):
-    """Return the end ``b`` of each cube along one axis, as integers."""
+    """Return the end ``b`` of each cube, as integers."""
     return exact(lower) + exact(spacing) * (np.arange(count).astype(object) + first + b)
 
 
 def outer_sum(parts):
-    """Sum parts of shape (boxes, n) over the axes, to shape (boxes, *shape)."""
+    """Sum parts (boxes, n) over axes to (boxes, *shape)."""
     total = 0
     for axis, part in enumerate(parts):
         total = total + part.reshape(len(part), *(-1 if a == axis else 1 for a in range(len(parts))))
@@ -48,7 +48,10 @@ def outer_sum(parts):
 
 
 class Definition:
-    """Rounded boxes and cubes ``lower + spacing * (i + first + [b0, b1]^d)``, in integers."""
+    """Rounded boxes and cubes, in integers.
+
+    Cubes are ``lower + spacing * (i + first + [b0, b1]^d)``.
+    """
 
     def __init__(self, lows, highs, radii, shape, lower, spacing, b0, b1, first=0):
         self.lows, self.highs, self.radii = exact(lows), exact(highs), radii
@@ -57,7 +60,7 @@ class Definition:
         self.sides = [[cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
 
     def squares(self, low, high):
-        """Return the squared distances along each axis between two sets of boxes."""
+        """Return squared distances of boxes along each axis."""
         gaps = [
             np.maximum(np.maximum(self.lows[:, a, None] - high[a], low[a] - self.highs[:, a, None]), 0)
             for a in range(len(low))
@@ -65,7 +68,7 @@ class Definition:
         return [gap**2 for gap in gaps]
 
     def within(self, squares, extra):
-        """Return True for points in a grown box, with ``extra`` times the allowed error."""
+        """Return True for points in a grown box."""
         reach = (self.radii + extra * self.edge).reshape(-1, *(1 for _ in self.sides))
         return ((reach >= 0) & (squares <= reach**2)).any(axis=0).astype(bool)
 
@@ -80,7 +83,7 @@ class Definition:
         return self.within(outer_sum(farthest), -extra)
 
     def covered(self):
-        """Return True if disjoint boxes contain all points within the allowed error of the cubes."""
+        """Return True if disjoint boxes contain the cubes."""
         parts = [
             np.minimum(self.highs[:, a, None], side + self.edge) - np.maximum(self.lows[:, a, None], side - self.edge)
             for a, (side, _) in enumerate(self.sides)
@@ -91,7 +94,7 @@ class Definition:
 
 
 def check(cells, least, most):
-    """Check that a raster contains all required cubes and no forbidden ones."""
+    """Fail unless a raster has the required cubes only."""
     assert cells[least].all(), f"missing {np.argwhere(least & ~cells)[:3]}"
     assert most[cells].all(), f"too many {np.argwhere(cells & ~most)[:3]}"
 
@@ -110,7 +113,7 @@ def spread(raster, reach):
 
 @st.composite
 def coordinates(draw, spacing, shape, reach):
-    """Draw coordinates, some at multiples of half a cell up to rounding."""
+    """Draw coordinates, some at multiples of half cells."""
     count = int(np.prod(shape))
     whole = st.integers(-int(2 * reach), int(2 * reach)).map(lambda n: n * spacing / 2)
     other = st.floats(-reach * spacing, reach * spacing).map(lambda x: round(x, 9))
@@ -227,9 +230,9 @@ def test_boxes_of_cells_are_disjoint_and_cover_the_set(seed, density, dim):
 @settings(max_examples=30)
 @given(seeds, st.sampled_from([0.5, 1.0, 1.3, 2.0]), st.sampled_from([2, 3]))
 def test_bitmap_obstacles_set_the_cells_that_they_touch_and_fill(seed, ratio, dim):
-    """Cells that the bitmap touches are outer, and cells inside it are inner, on a lattice of quarters.
+    """Compare on a lattice of quarters.
 
-    Cells at the bitmap's boundary may be either.
+    Cells at the bitmap's boundary may be inner or not.
     """
     rng = np.random.default_rng(seed)
     occupied = rng.random((4, 3, 4)[:dim]) < 0.6
@@ -298,7 +301,7 @@ def test_balls_of_a_cloud_agree_with_a_tree(radius):
     assert (distance[inner] <= radius - grid.spacing / 2).all()
 
 
-def test_a_union_is_the_union_of_its_parts_in_any_number_of_threads():
+def test_rasters_of_unions_do_not_depend_on_the_number_of_threads():
     rng = np.random.default_rng(9)
     grid = Grid((0.0, 0.0, 0.0), 0.1, (60, 20, 30))
     centers, radii = rng.uniform(-1.0, 7.0, (800, 3)), rng.uniform(0.0, 1.2, 800)

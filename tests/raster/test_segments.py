@@ -1,4 +1,4 @@
-"""Rasters against their definitions in exact rational arithmetic, and against shapely."""
+"""Rasters in the plane, against exact rational arithmetic and shapely."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ NEAR = 1e-6
 
 
 def check_between(cells, low, high):
-    """Check that a raster contains all required offsets and no forbidden ones."""
+    """Fail unless a raster has the required offsets only."""
     assert low <= cells, f"missing {sorted(low - cells)[:5]}"
     assert cells <= high, f"too many {sorted(cells - high)[:5]}"
 
@@ -77,7 +77,7 @@ def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
 
 @given(robots(), spacings)
 def test_grown_segments_obey_their_laws(robot, spacing):
-    """A margin only grows the outer raster and keeps the inner raster, which lies in the outer."""
+    """Test that a margin only grows the outer raster."""
     outer, inner = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing))
     grown, same = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing, 0.15))
     assert inner <= outer <= grown
@@ -117,7 +117,7 @@ def test_obstacles_too_far_for_the_certificate_are_refused():
 
 
 def test_a_robot_500_cells_across_costs_its_boundary():
-    """The number of marked boundary cells grows linearly with the robot's diameter in cells."""
+    """Compare marked boundary cells with the diameter."""
     marked = []
     for across in (125, 250, 500):
         outer, inner = Robot.polygon(shapely.Point(0, 0).buffer(across / 2, quad_segs=64)).rasters(1.0)

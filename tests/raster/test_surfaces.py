@@ -1,4 +1,4 @@
-"""Rasters of meshes against FCL, against exact rational arithmetic, and against solids with a formula."""
+"""Rasters of meshes, against FCL, arithmetic and formulas."""
 
 import math
 import warnings
@@ -30,7 +30,10 @@ def soup(triangles):
 
 
 def meets(triangle, low, high):
-    """Return True if a triangle meets a box, by separating axes; exact for integers."""
+    """Return True if a triangle meets a box.
+
+    Separating axes are exact for integers.
+    """
     edges = [tuple(b - a for a, b in zip(triangle[i], triangle[(i + 1) % 3], strict=True)) for i in range(3)]
     units = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
     axes = [*units, cross(edges[0], edges[1]), *(cross(edge, unit) for edge in edges for unit in units)]
@@ -44,7 +47,7 @@ def meets(triangle, low, high):
 
 
 def check_touched(marked, triangles, grid, slack=2.0**-24):
-    """Check that all cells of a triangle are marked, and none beyond a slack."""
+    """Fail unless exactly a triangle's cells are marked."""
     (h, more), lower = units((grid.spacing, grid.spacing * slack)), units(grid.lower)
     exact = [[units(corner) for corner in triangle] for triangle in triangles]
     for cell in product(*map(range, grid.shape)):
@@ -58,7 +61,7 @@ def check_touched(marked, triangles, grid, slack=2.0**-24):
 
 
 def small_mesh(rng, kind):
-    """Draw a few triangles in a grid of 5 cells to each side."""
+    """Draw a few triangles in a small grid."""
     n = int(rng.integers(1, 6))
     if kind == "random":
         return rng.uniform(-1, 6, (n, 3, 3))
@@ -122,7 +125,7 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
 
 @given(seeds, st.sampled_from(["random", "sliver", "touching", "lattice"]))
 def test_touching_cells_obey_their_laws(seed, kind):
-    """The raster commutes with translations by cells, quarter turns and unions."""
+    """Commute with translations by cells, quarter turns and unions."""
     rng = np.random.default_rng(seed)
     triangles = small_mesh(rng, kind)
     grid = Grid((0, 0, 0), 1.0, (6, 6, 6))
@@ -167,7 +170,7 @@ def test_a_map_that_cuts_through_a_solid_is_part_of_the_larger_map():
 
 
 def covered(boxes, side, fine=4):
-    """Return the cells that meet and that lie in a union of boxes.
+    """Return masks of cells meeting boxes, and inside them.
 
     The corners of the boxes are at odd multiples of 1 / (2 fine).
     """
@@ -181,7 +184,7 @@ def covered(boxes, side, fine=4):
 
 
 def touched_by_faces(boxes, side):
-    """Return the cells that the surface of any of some boxes meets."""
+    """Return cells that surfaces of boxes meet."""
     cells = np.arange(side)
     touched = np.zeros((side,) * 3, dtype=bool)
     for low, high in boxes:
@@ -213,7 +216,7 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     outer, inner = Mesh.of(
         join_meshes(*(make_box(*b, inward=way) for b, way in zip(boxes, inward, strict=True)))
     ).cells(grid)
-    # Those that face inward may be cavities: of boxes that lie in them or they in.
+    # Skip boxes that face inward and may be cavities of others.
     nested = np.zeros_like(outer)
     for a, b in product(range(count), repeat=2):
         if inward[a] != inward[b] and (lows[a] < lows[b]).all() and (boxes[b][1] < boxes[a][1]).all():
@@ -251,7 +254,7 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
     open_box = (vertices, faces[1:])
     surface = Mesh.of(open_box, "surface").cells(grid)
     assert not surface[0][4, 4, 4]
-    # Half a face is missing, so the interior is open, and the warning is given once.
+    # Half a face is missing, so the interior is open; one warning says so.
     filled = Mesh.of(open_box, "fill")
     with pytest.warns(MeshWarning, match="mesh is open and encloses no cell of 1 m.*; close its gaps") as caught:
         assert all((a == b).all() for a, b in zip(filled.cells(grid), surface, strict=True))
@@ -275,7 +278,7 @@ def torus_distance(points, major=2.0, minor=0.8):
 
 
 def test_round_solids_agree_with_their_formulas():
-    """Cells well inside a torus or sphere are inner, and cells well outside are neither."""
+    """Test cells well inside and well outside."""
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=2.5)
     torus = trimesh.creation.torus(major_radius=2.0, minor_radius=0.8, major_sections=160, minor_sections=80)
     for solid, distance, sag in (
@@ -330,7 +333,7 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
 
 
 def distance_to_cube(triangle, center, half):
-    """Return the distance of a triangle from a cube, as the smallest of all differences, by least squares."""
+    """Return a triangle's distance from a cube."""
     corners = np.array(list(product((-half, half), repeat=3))) + center
     differences = (triangle[:, None] - corners).reshape(-1, 3)
     system = np.vstack([differences.T, np.ones(len(differences))])
@@ -362,7 +365,7 @@ def test_margins_agree_with_minimum_distances():
 
 @pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
 def test_the_distance_of_a_cube_is_exact(size):
-    """A radius just above the distance marks the cube, and a radius just below does not."""
+    """Test radii just above and just below the distance."""
     rng = np.random.default_rng(3)
     for _ in range(700):
         triangle = rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
@@ -406,7 +409,7 @@ def test_a_filled_robot_is_as_large_as_what_it_encloses(margin):
 @pytest.mark.filterwarnings("ignore::cspace.MeshWarning")  # some enclose nothing
 @pytest.mark.parametrize("margin", [0.0, 0.8])
 def test_a_filled_robot_covers_its_filled_cells(margin):
-    """The outer raster contains each lattice point near a cube enclosed by leaky walls."""
+    """Enclose a cube by leaky walls."""
     rng = np.random.default_rng(8)
     filled = 0
     for _ in range(30):
@@ -424,7 +427,7 @@ def test_a_filled_robot_covers_its_filled_cells(margin):
 
 
 def test_a_thin_robot_is_never_too_small():
-    """The raster of a sliver with a margin contains that of the segment which it nearly is."""
+    """Compare a sliver with the segment that it approximates."""
     for bend in (0.0, 1e-13, 1e-9, 1e-4):
         mesh = Mesh.of(soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")
         outer, _ = mesh.rasters(0.25, 0.4)

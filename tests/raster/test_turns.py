@@ -38,7 +38,7 @@ def boxes(offsets, spacing):
 
 
 def distances_of(robot, turn, geometries):
-    """Return the distances of shapely geometries to the rotated robot; exact for discs."""
+    """Return distances of geometries from the rotated robot."""
     shape = robot.shape
     if isinstance(shape, Balls):
         centers = shapely.points(shape.centers @ turn.matrix.T)
@@ -76,8 +76,8 @@ def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, 
 @pytest.mark.parametrize(
     "robot", [Robot.rectangle(4.0, 0.05, (2.0, 0.0)), Robot.box((4.0, 0.05, 0.2), (2.0, 0.0, 0.0))]
 )
-def test_growth_is_point_by_point(robot):
-    """The raster grows less near the reference point than at the far end."""
+def test_growth_increases_with_the_distance_from_the_reference_point(robot):
+    """Compare both ends of a robot."""
     outer, _ = robot.rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))
     width = {x: len({offset[1] for offset in places(outer) if offset[0] == x}) for x in (0, 38)}
     assert width[0] <= 5
@@ -130,7 +130,9 @@ def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
 
 
 def separate(low, high, box, matrix):
-    """Return whether axis-aligned boxes (n, 3) and a rotated box are disjoint, and a lower bound of their distance.
+    """Test if boxes and a rotated box are disjoint.
+
+    Also bound their distance below.
 
     Uses separating axes.
     """

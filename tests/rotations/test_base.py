@@ -1,4 +1,4 @@
-"""Arithmetic of rotations of every kind against scipy."""
+"""Arithmetic of rotations of every kind, against scipy."""
 
 import math
 
@@ -13,26 +13,32 @@ from refusals import refusals
 
 NONE, YAW, QUATERNION = Rotations.of(None), Rotations.of(1), Rotations.quaternions(1)
 RNG = np.random.default_rng(5)
-SPACES = {"R^2": (NONE, 2), "R^3": (NONE, 3), "SE(2)": (YAW, 2), "R^3 x SO(2)": (YAW, 3), "SE(3)": (QUATERNION, 3)}
-EVERY = pytest.mark.parametrize("name", SPACES)
+ROTATION_SPACES = {
+    "R^2": (NONE, 2),
+    "R^3": (NONE, 3),
+    "SE(2)": (YAW, 2),
+    "R^3 x SO(2)": (YAW, 3),
+    "SE(3)": (QUATERNION, 3),
+}
+EVERY = pytest.mark.parametrize("name", ROTATION_SPACES)
 
 
 def kind_of(name: str) -> Rotations:
-    return SPACES[name][0]
+    return ROTATION_SPACES[name][0]
 
 
-def drawn(name: str, *shape: int) -> np.ndarray:
+def draw(name: str, *shape: int) -> np.ndarray:
     """Draw configurations whose rotations are not canonical."""
-    kind, dim = SPACES[name]
+    kind, dim = ROTATION_SPACES[name]
     q = RNG.normal(0.0, 4.0, (*shape, dim + len(kind.names)))
     if kind is QUATERNION:
         q[..., 3:] /= np.linalg.norm(q[..., 3:], axis=-1, keepdims=True)
     return q
 
 
-def turned(name: str, q: np.ndarray) -> Rotation:
-    """Return the rotations of configurations as scipy's."""
-    (kind, dim), flat = SPACES[name], q.reshape(-1, q.shape[-1])
+def to_scipy(name: str, q: np.ndarray) -> Rotation:
+    """Convert the rotations of configurations to scipy."""
+    (kind, dim), flat = ROTATION_SPACES[name], q.reshape(-1, q.shape[-1])
     if kind is QUATERNION:
         return Rotation.from_quat(flat[:, 3:])
     yaw = flat[:, dim] if kind is YAW else np.zeros(len(flat))
@@ -40,28 +46,28 @@ def turned(name: str, q: np.ndarray) -> Rotation:
 
 
 @EVERY
-def test_matrices_are_those_of_scipy(name: str) -> None:
-    _, dim = SPACES[name]
-    q = drawn(name, 3, 5)
+def test_matrices_agree_with_scipy(name: str) -> None:
+    _, dim = ROTATION_SPACES[name]
+    q = draw(name, 3, 5)
     made = kind_of(name)._rotation_matrices(q)
     assert made.shape == (3, 5, dim, dim)
-    np.testing.assert_allclose(made.reshape(-1, dim, dim), turned(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
+    np.testing.assert_allclose(made.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
 
 
 @EVERY
-def test_a_step_leads_from_one_to_the_other_the_shorter_way(name: str) -> None:
-    kind, (_, dim) = kind_of(name), SPACES[name]
-    q0, q1 = drawn(name, 40), drawn(name, 40)
+def test_steps_rotate_the_shorter_way_at_constant_speed(name: str) -> None:
+    kind, (_, dim) = kind_of(name), ROTATION_SPACES[name]
+    q0, q1 = draw(name, 40), draw(name, 40)
     steps = kind._steps_between(q0, q1)
     np.testing.assert_allclose(steps[:, :dim], q1[:, :dim] - q0[:, :dim])
-    angles = (turned(name, q0).inv() * turned(name, q1)).magnitude()
+    angles = (to_scipy(name, q0).inv() * to_scipy(name, q1)).magnitude()
     np.testing.assert_allclose(np.linalg.norm(steps[:, dim:], axis=1), angles, atol=1e-9)
     for share in (0.0, 0.3, 1.0):
         there = kind._add_steps(q0, share * steps)
         np.testing.assert_allclose(there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12)
-        # The rotation is even: a share of the angle from one end, and the rest from the other.
+        # A share of the angle is from one end, and the rest from the other.
         for end, part in ((q0, share), (q1, 1.0 - share)):
-            apart = (turned(name, end).inv() * turned(name, there)).magnitude()
+            apart = (to_scipy(name, end).inv() * to_scipy(name, there)).magnitude()
             np.testing.assert_allclose(apart, part * angles, atol=1e-7)
     assert kind._steps_between(q0[:0], q1[:0]).shape == (0, steps.shape[1])
 
@@ -76,20 +82,20 @@ def test_steps_of_half_a_turn_and_none_are_exact() -> None:
 
 
 @EVERY
-def test_canonical_numbers_are_the_same_rotation_and_stay_as_they_are(name: str) -> None:
-    kind, (_, dim) = kind_of(name), SPACES[name]
-    q = drawn(name, 50)
+def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> None:
+    kind, (_, dim) = kind_of(name), ROTATION_SPACES[name]
+    q = draw(name, 50)
     made = kind._make_canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
     assert np.array_equal(kind._make_canonical(made), made) and np.array_equal(made[:, :dim], q[:, :dim])
-    assert ((turned(name, q).inv() * turned(name, made)).magnitude() < 1e-9).all()
+    assert ((to_scipy(name, q).inv() * to_scipy(name, made)).magnitude() < 1e-9).all()
     if name == "SE(3)":
         np.testing.assert_allclose(np.linalg.norm(made[:, 3:], axis=1), 1.0, atol=4e-16)
 
 
 @EVERY
-def test_rotations_sampled_near_a_rotation_are_near_it(name: str) -> None:
-    kind, (_, dim) = kind_of(name), SPACES[name]
-    q, numbers = kind._make_canonical(drawn(name, 30)), iter(RNG.random(400).tolist())
+def test_sample_near_stays_within_its_angle(name: str) -> None:
+    kind, (_, dim) = kind_of(name), ROTATION_SPACES[name]
+    q, numbers = kind._make_canonical(draw(name, 30)), iter(RNG.random(400).tolist())
     near = np.array([[*row[:dim], *kind._sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q])
     apart = np.linalg.norm(kind._steps_between(q, near)[:, dim:], axis=1)
     assert (apart <= 0.4 + 1e-12).all() and (not kind.names or apart.max() > 0.2)
@@ -118,7 +124,7 @@ def test_texts_describe_rotations() -> None:
         == QUATERNION._format_rotation(-np.array(about_z))
         == "turned 11.5° about (0, 0, 1)"
     )
-    assert QUATERNION._format_rotation(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
+    assert QUATERNION._format_rotation(np.array([0.0, 0.0, 0.0, -1.0])) == "not to_scipy"
 
 
 @refusals(
@@ -131,14 +137,14 @@ def test_texts_describe_rotations() -> None:
     (QUATERNION, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
     (QUATERNION, [0.0, 0.0, 0.0, 0.0], "norm 0"),
 )
-def test_values_other_than_rotations_are_refused(kind: Rotations, rotation: object, message: str) -> None:
+def test_invalid_rotations_are_refused(kind: Rotations, rotation: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         kind._check_rotation(rotation)
 
 
 def test_the_step_between_equal_quaternions_is_zero() -> None:
-    """The step is exactly zero, for quaternions of either sign."""
-    q = drawn("SE(3)", 500)
+    """Include quaternions of either sign."""
+    q = draw("SE(3)", 500)
     for sign in (1.0, -1.0):
         assert not kind_of("SE(3)")._steps_between(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()
 

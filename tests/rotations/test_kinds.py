@@ -1,4 +1,4 @@
-"""A kind of rotation cells unknown to the library works with one class and one record."""
+"""A new kind of rotation cells."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -29,7 +29,7 @@ COUNT = 8
 
 @compilable
 class PitchCells(YawCells):
-    """Record for look-ups of pitch cells, which are yaw cells about y."""
+    """Record of pitch cells, which are yaw cells about y."""
 
     def matrix_of(self, q: Numbers) -> Matrix:
         cosine, sine = math.cos(q[-1]), math.sin(q[-1])
@@ -85,7 +85,7 @@ class PitchRotations(YawRotations):
 
 @pytest.fixture(scope="module")
 def space() -> Iterator[CSpace]:
-    """Build a map of a bar that must be pitched to pass a gap in a wall."""
+    """Build a map of a bar and a gap."""
     occupied = np.zeros((16, 8, 16), dtype=bool)
     occupied[7:9, :, :] = True
     occupied[7:9, :, 2:14] = False
@@ -104,7 +104,7 @@ def drawn(space: CSpace, n: int) -> Floats:
 
 
 def collides(space: CSpace, q: Floats) -> Bools:
-    """Return True for configurations with a sample point of the robot in an obstacle or outside."""
+    """Return True where a sample point collides."""
     axes = [np.linspace(-size / 2, size / 2, n) for size, n in ((0.5, 31), (0.12, 9), (0.06, 7))]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     occupied, answers = np.pad(space.workspace.outer, 1, constant_values=True), np.empty(len(q), dtype=np.bool_)
@@ -114,7 +114,7 @@ def collides(space: CSpace, q: Floats) -> Bools:
     return answers
 
 
-def test_states_are_those_of_the_robot(space: CSpace) -> None:
+def test_states_agree_with_samples_of_the_robot(space: CSpace) -> None:
     assert space.axes == ("x", "y", "z", "pitch")
     q = drawn(space, 3000)
     states = space.classify(q)
@@ -192,7 +192,7 @@ def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None
     assert np.array_equal(again.classify(q), space.classify(q))
 
 
-def test_exact_answers_use_the_rotation(space: CSpace) -> None:
+def test_exact_queries_use_the_rotation(space: CSpace) -> None:
     q = drawn(space, 1000)
     q = q[space.classify(q) == cspace.MIXED][:60]
     free = space.is_free(q, exact=True)

@@ -1,4 +1,4 @@
-"""Quaternion cells cover all rotations, and each rotation belongs to the cell of its quotients."""
+"""Quaternion cells: covering, volumes, neighbours and symmetry."""
 
 import math
 
@@ -17,7 +17,7 @@ CUTS = [1, 2, 3, 4, 8]
 
 
 def by_definition(n, q):
-    """Return the cell of a quaternion, by angles, and its distance to a boundary."""
+    """Return cells and distances to boundaries, by angles."""
     largest = int(np.abs(q).argmax())
     angles = [math.atan(q[k] / q[largest]) for k in range(4) if k != largest]
     parts = [(angle + math.pi / 4) / (math.pi / 2 / n) for angle in angles]
@@ -52,11 +52,11 @@ def test_the_first_of_equal_components_is_the_largest():
 
 @pytest.mark.parametrize("n", CUTS)
 def test_a_cell_lies_within_its_covering_angle_and_no_smaller_one(n):
-    """Angles of corners, boundary points and interior points are scipy's."""
+    """Compute angles of corners and other points by scipy."""
     cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
     widest, borders = np.zeros(len(cells)), np.asarray(cells.borders)
     charts = np.indices((4, n, n, n)).reshape(4, -1)
-    middles = Rotation.from_quat(cells.centers)
+    centers = Rotation.from_quat(cells.centers)
     for number in range(60):
         place = (
             np.array(np.unravel_index(number, (2, 2, 2))) if number < 8 else rng.choice([0, 0.5, 1], 3) * rng.random()
@@ -67,7 +67,7 @@ def test_a_cell_lies_within_its_covering_angle_and_no_smaller_one(n):
         for axis in range(4):
             of_chart = charts[0] == axis
             q[np.ix_(of_chart, [k for k in range(4) if k != axis])] = quotients.T[of_chart]
-        angles = (middles.inv() * Rotation.from_quat(q)).magnitude()
+        angles = (centers.inv() * Rotation.from_quat(q)).magnitude()
         assert (angles <= cells.covering_angles).all()
         widest = np.maximum(widest, angles)
     assert widest == pytest.approx(cells.covering_angles, abs=1e-7)
@@ -78,8 +78,8 @@ def test_smaller_cells_have_smaller_angles():
     assert degrees == pytest.approx([120.0, 70.53, 37.34, 19.25, 9.71], abs=0.01)
 
 
-def test_volumes_are_those_of_random_rotations_and_samples_are_uniform():
-    """Chi-squared tests, also of samples of large cells over small ones, at five standard deviations."""
+def test_volumes_and_samples_agree_with_uniform_rotations():
+    """Test chi-squared at five standard deviations."""
     cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
     drawn = Rotation.random(100_000, random_state=1).as_quat()
     from_few_cells = Rotations.quaternions(1)._sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
@@ -94,7 +94,7 @@ def test_volumes_are_those_of_random_rotations_and_samples_are_uniform():
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_neighbors_are_the_cells_across_a_boundary(n):
-    """Small random steps that leave a cell cross one boundary, and reach every neighbour."""
+    """Compare with the cells that small random steps reach."""
     cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
     q = Rotation.random(300_000, random_state=n).as_quat()
     steps = q + 2e-2 * rng.normal(size=q.shape)
@@ -140,7 +140,7 @@ def test_invalid_numbers_of_parts_are_refused(n):
         Rotations.quaternions(n)
 
 
-def test_values_other_than_unit_quaternions_are_refused():
+def test_invalid_quaternions_are_refused():
     cells = Rotations.quaternions(2)
     for wrong, message in (((0, 0, 0, 1.01), "norm of 1.01"), ((0, 0, 0, 0), "norm of 0"), ((0, 0, 1), "four numbers")):
         with pytest.raises(InputError, match=message):

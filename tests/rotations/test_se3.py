@@ -1,4 +1,4 @@
-"""Look-ups, edges and boxes of SE(3) against their definitions and against geometry."""
+"""Queries, edges and boxes of SE(3), against definitions and geometry."""
 
 import itertools
 import math
@@ -13,13 +13,12 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
-from handmade import Outside, map_of
+from handmade import ALL_FREE, map_of
 from maps import proven_paths
 from placements import draw_configurations, draw_quaternions
 from strategies import seeds
 
 H = 0.25
-ALL_FREE = Outside.all_of(FREE)
 NAMES = ("classify", "is_free", "clearance", "overlap_count", "contains_robot")
 
 
@@ -30,12 +29,12 @@ def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
     return map_of(states, cells, ALL_FREE, 1.0), states
 
 
-# ---- look-ups --------------------------------------------------------------------------------------------------------
+# ---- queries ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
-def test_compiled_look_ups_return_the_cells_of_the_definition(n):
-    """Exact near boundaries, for either sign and any accepted norm."""
+def test_compiled_queries_use_the_cells_of_the_definition(n):
+    """Draw quaternions near boundaries, of any accepted norm."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
     space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (len(cells), 1, 1, 1)), cells, ALL_FREE, 1.0)
     q = np.column_stack([rng.random((4000, 3)), draw_quaternions(cells, rng, 4000)])
@@ -53,7 +52,7 @@ def test_compiled_look_ups_return_the_cells_of_the_definition(n):
 
 @pytest.mark.parametrize("name", [*NAMES, "nearest_free"])
 @pytest.mark.parametrize("wrong", [(0, 0, 0, 1.00001), (0, 0, 0, 0), (0, 0, 0, math.nan), (math.inf, 0, 0, 0)])
-def test_numbers_that_are_no_rotation_are_refused(name, wrong):
+def test_queries_refuse_invalid_quaternions(name, wrong):
     space, _ = random_map(np.random.default_rng(0), 1)
     with pytest.raises(InputError, match=r"qx, qy, qz, qw.*norm"):
         getattr(space, name)([0.5, 0.5, 0.5, *wrong])
@@ -72,7 +71,7 @@ def test_numbers_that_are_no_rotation_are_refused(name, wrong):
 
 
 def along(q0, q1, number):
-    """Return points of an edge as OMPL interpolates, shape (number, 7).
+    """Interpolate an edge like OMPL, shape (number, 7).
 
     At half a turn, the signs choose the arc.
     """
@@ -86,7 +85,7 @@ def along(q0, q1, number):
 
 @settings(max_examples=30)
 @given(seeds, st.sampled_from(["any", "near", "half"]))
-def test_points_of_edges_are_those_of_ompl(seed, kind):
+def test_interpolation_agrees_with_ompl(seed, kind):
     rng = np.random.default_rng(seed)
     q0, q1 = rng.normal(size=(2, 7))
     if kind == "near":
@@ -105,7 +104,7 @@ def test_points_of_edges_are_those_of_ompl(seed, kind):
 
 
 def firm(cells, q):
-    """Return the configurations that are not too near a boundary of rotation cells."""
+    """Return the configurations away from boundaries of rotation cells."""
     around = q[:, None, 3:] + 1e-8 * np.array(list(itertools.product((-1, 1), repeat=4)))
     around /= np.linalg.norm(around, axis=2, keepdims=True)
     return q[(cells.cell_of(around) == cells.cell_of(q[:, 3:])[:, None]).all(axis=1)]
@@ -113,7 +112,7 @@ def firm(cells, q):
 
 @st.composite
 def edges(draw):
-    """Draw end points of edges, (n, 7): large and small rotations, from boundaries, and equal rotations."""
+    """Draw ends of edges (n, 7) with special rotations."""
     rng, n = np.random.default_rng(draw(seeds)), 40
     cells = Rotations.quaternions(draw(st.sampled_from([1, 2, 3])))
     q0, q1 = (
@@ -134,7 +133,7 @@ def edges(draw):
 @settings(max_examples=20)
 @given(edges(), seeds)
 def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
-    """If an edge is free, its 300 points are FREE, except near boundaries; if not, a point or one beside it is not."""
+    """Test 300 points of free edges, or around others."""
     n, q0, q1 = drawn
     rng = np.random.default_rng(seed)
     space, _ = random_map(rng, n)
@@ -149,17 +148,15 @@ def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
         q = np.concatenate([along(a, b + tilt, 300) for tilt in tilts])
         if free:
             assert space.is_free(firm(space.rotations, q)).all()
-        elif (
-            abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all()
-        ):  # for nearer rotations, OMPL may use one throughout
+        elif abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all():  # OMPL does not rotate between nearer ones
             near = np.repeat(q, 30, axis=0) + rng.normal(size=(30 * len(q), 7)) * 5e-3
             near[:, 3:] /= np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
             assert not space.is_free(near).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_an_edge_passes_every_cell_on_its_way(n):
-    """A closed cell on the path is found, however short the path through it is."""
+def test_edges_find_every_cell_on_their_way(n):
+    """Block single cells, however short the way through them."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
     states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     for _ in range(15):
@@ -178,7 +175,7 @@ def test_an_edge_passes_every_cell_on_its_way(n):
 
 
 def test_positions_and_rotations_advance_together():
-    """A cell is passed at one rotation and not at another, so the time of each boundary counts."""
+    """Block a cell at one rotation of the edge."""
     cells = Rotations.quaternions(4)
     half = math.pi / 4 / 4  # from the center of a cell through its boundary at a quarter of the path
     edge = [
@@ -196,7 +193,7 @@ def test_positions_and_rotations_advance_together():
 @pytest.mark.parametrize("norm", [1.0, 1.0 + 0.99e-9])
 @pytest.mark.parametrize("angle", [4e-5, 7e-5])
 def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
-    """OMPL treats nearly equal quaternions, of accepted norms, as equal."""
+    """Test nearly equal quaternions, between which OMPL does not rotate."""
     cells = Rotations.quaternions(1)
     states = np.zeros((len(cells), 4, 1, 1), dtype=np.uint8)
     angles = math.pi / 4 + np.array([-0.5, 0.5]) * angle  # to either side of the boundary at a yaw of 90 degrees
@@ -214,7 +211,7 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
 
 @settings(max_examples=20)
 @given(seeds, st.sampled_from([1, 2, 4, 6]), st.sampled_from([0.0, 1e-3, 0.1, 0.7, 2.0, 4.0]))
-def test_all_rotations_around_a_free_box_are_free(seed, n, angle):
+def test_all_rotations_in_a_free_box_are_free(seed, n, angle):
     rng = np.random.default_rng(seed)
     space, _ = random_map(rng, n, 0.995 if n > 2 else 0.8)
     q = np.column_stack([rng.uniform(0.1, 0.9, (40, 3)) * (2, 1, 2), draw_quaternions(space.rotations, rng, 40)])
@@ -230,7 +227,7 @@ def test_all_rotations_around_a_free_box_are_free(seed, n, angle):
 
 
 def test_search_boxes_ignore_the_norm_of_quaternions():
-    """The angle at which a closed cell is found is the same for all accepted norms."""
+    """Find a blocked cell at one angle."""
     cells = Rotations.quaternions(8)
     states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     states[cells.cell_of(Rotation.from_rotvec([0.0, 0.0, 1.2]).as_quat())] = MIXED
@@ -240,7 +237,7 @@ def test_search_boxes_ignore_the_norm_of_quaternions():
 
 
 def test_search_boxes_are_no_larger_than_necessary():
-    """Search boxes find one closed cell, but not from twice as far."""
+    """Find a blocked cell, but not from twice the distance."""
     cells = Rotations.quaternions(8)
     states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     states[100] = MIXED
@@ -254,7 +251,7 @@ def test_search_boxes_are_no_larger_than_necessary():
 
 
 def depths(extents, middle, q, lows):
-    """Return how deep a box at configurations penetrates the nearest of some cubes, shape (n,).
+    """Return the penetration depth (n,) into cubes.
 
     The depth is negative for disjoint boxes, which one of 15 axes separates (Gottschalk and others, 1996).
     """
@@ -275,8 +272,8 @@ def depths(extents, middle, q, lows):
 
 @settings(max_examples=12)
 @given(seeds, st.sampled_from([1, 2, 3]), st.booleans(), st.sampled_from(["blocked", "free"]))
-def test_rotating_boxes_get_no_false_answer(seed, n, as_mesh, outside):
-    """Configurations are anywhere and near boundaries of both kinds of cells, against exact boxes."""
+def test_states_of_rotating_boxes_agree_with_geometry(seed, n, as_mesh, outside):
+    """Draw configurations anywhere and near boundaries."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros((7, 6, 5), dtype=bool)
     occupied[tuple(rng.integers(0, occupied.shape, (int(rng.integers(1, 4)), 3)).T)] = True
@@ -295,8 +292,8 @@ def test_rotating_boxes_get_no_false_answer(seed, n, as_mesh, outside):
     assert (depth[states == BLOCKED] >= -1e-9).all()
 
 
-def test_a_map_of_all_rotations_answers_as_maps_of_yaw_do():
-    """Decided answers agree, and an updated map equals a fresh build, also from a file."""
+def test_maps_of_all_rotations_agree_with_maps_of_yaw():
+    """Compare states, also after an update."""
     rng = np.random.default_rng(5)
     occupied = np.zeros((16, 14, 10), dtype=bool)
     occupied[8, :9, :7] = True
@@ -319,8 +316,8 @@ def test_a_map_of_all_rotations_answers_as_maps_of_yaw_do():
     )
 
 
-def test_absence_is_proven_in_six_dimensions():
-    """A plate that fits through a window is not disconnected, and a plate too large at every rotation is."""
+def test_disconnection_is_proven_in_six_dimensions():
+    """Test cubes that fit through a window or not."""
     occupied = np.zeros((20, 11, 11), dtype=bool)
     occupied[9:11] = True
     occupied[9:11, 3:8, 3:8] = False

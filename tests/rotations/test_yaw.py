@@ -1,4 +1,4 @@
-"""Yaw cells cover the circle, and each yaw belongs to the cell between its boundaries."""
+"""Yaw cells: covering, boundaries and symmetry."""
 
 import math
 
@@ -53,7 +53,7 @@ def test_a_yaw_belongs_to_the_cell_between_its_boundaries(value, seed, wraps):
     expected = [max(k for k in range(len(cells)) if borders[k] <= one) for one in yaw]
     away = np.abs(yaw[:, None] - borders).min(axis=1) > 1e-9
     assert (cells.cell_of(yaw + wraps * TWO_PI) == expected)[away].all()
-    # Wrapping may round a boundary, so it belongs to one of its two cells.
+    # Wrapping may round a boundary into either cell beside it.
     above = np.arange(len(cells))
     numbers = cells.cell_of(borders[:-1] + wraps * TWO_PI)
     assert ((numbers == above) | (numbers == (above - 1) % len(cells))).all()

@@ -1,5 +1,5 @@
-"""Soak: random cases, each checked against exact geometry that shares no code with the library.
+"""Random cases checked against exact geometry.
 
-``python -m tests.soak --help`` says how to run it. The modules ``plane`` and ``space`` draw random scenes, for tests
+Run ``python -m tests.soak --help`` for the options. The modules ``plane`` and ``space`` draw random scenes, for tests
 and benchmarks too.
 """

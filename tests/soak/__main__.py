@@ -14,15 +14,15 @@ from benchmarks.report import Report
 from tests.soak import arms, band, curves, files, frequency, maps, use
 
 EDGES = 10_000
-PLACEMENTS = 100_000
-"""Placements of pairs of shapes, in the plane and in space each."""
+PAIR_PLACEMENTS = 100_000
+"""Placements of pairs of shapes, in the plane and again in space."""
 
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "maps": lambda report, seed, checks: maps.check(report, seed, checks, edges_of(checks)),
     "curves": lambda report, seed, checks: curves.check(report, seed, few_edges(report, checks)),
     "exact": lambda report, seed, checks: maps.check_exact(report, seed, few_edges(report, checks)),
     "arms": lambda report, seed, checks: arms.check(report, seed, max(1000, checks // 10), few_edges(report, checks)),
-    "frequency": lambda report, seed, _: frequency.check(report, seed, PLACEMENTS // (50 if report.quick else 1)),
+    "frequency": lambda report, seed, _: frequency.check(report, seed, PAIR_PLACEMENTS // (50 if report.quick else 1)),
     "band": lambda report, seed, _: band.check(report, seed, 20 if report.quick else 200),
     "files": lambda report, seed, _: files.check(report, seed, 100 if report.quick else files.MUTANTS),
     "examples": lambda report, seed, _: None if report.quick else check_examples(report, seed),
@@ -31,7 +31,7 @@ FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
 
 
 def edges_of(checks: int) -> int:
-    """Return the number of free edges to follow in each space."""
+    """Return the number of free edges to follow per space."""
     return min(EDGES, max(100, checks // 100))
 
 
@@ -40,24 +40,24 @@ def few_edges(report: Report, checks: int) -> int:
 
 
 def check_examples(report: Report, seed: int) -> None:
-    """Run all tests of hypothesis, whose ordinary run draws the same examples each time, with new ones."""
-    began = time.perf_counter()
+    """Run all tests of hypothesis with new examples."""
+    start = time.perf_counter()
     options = ["-q", "-m", "hypothesis", "--hypothesis-profile=new", f"--hypothesis-seed={seed}"]
     command, root = [sys.executable, "-m", "pytest", *options], Path(__file__).parents[2]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-    report.section(f"tests with new examples, seed {seed}, {time.perf_counter() - began:.0f} s")
+    report.section(f"tests with new examples, seed {seed}, {time.perf_counter() - start:.0f} s")
     if done.returncode:
         report.note(done.stdout + done.stderr)
     report.check(done.returncode == 0, "every test holds for new examples")
 
 
 def main() -> int:
-    """Run the soak; return 0 if every answer was right, otherwise 1."""
+    """Run the soak; return the number of failures, at most 1."""
     parser = argparse.ArgumentParser(
         prog="python -m tests.soak",
         description="Check random maps, curves, arms and pairs of shapes against exact geometry, open damaged files, "
         "and use maps in threads and processes. Each run draws new cases; --seed repeats those of an earlier run. "
-        'docs/install.md, under "Tests", says how a case that fails becomes a test.',
+        'See "Tests" in docs/install.md for how to turn a failing case into a test.',
     )
     parser.add_argument("names", metavar="NAME", nargs="*", help=f"of {', '.join(FAMILIES)} (default all)")
     parser.add_argument("--quick", action="store_true", help="a few minutes instead of hours")

@@ -1,6 +1,6 @@
 """Proofs of arms, against pinocchio and coal.
 
-The arms are those of the data folder among the obstacles of their problems, near starts and goals, and small random
+They include the arms of the data folder in their planning problems, near starts and goals, and small random
 arms with all kinds of joints and solids.
 """
 
@@ -29,24 +29,24 @@ from tests.soak.tally import Drawn, Rng, Tally, draw_until
 from tests.solids import sampled
 from tests.urdfs import collision, joint, link, written
 
-ROBOTS = ("panda", "ur5")
+REAL_ARMS = ("panda", "ur5")
 
-DRAWN = 200
-"""Configurations drawn in each scene."""
+CONFIGURATIONS_PER_SCENE = 200
+"""Configurations drawn per scene."""
 
-MOTIONS = 20
-"""Maximum number of motions followed in each scene."""
+MAX_MOTIONS_PER_SCENE = 20
+"""Maximum number of motions followed per scene."""
 
-ALONG = 25
-"""Points checked along each motion."""
+POINTS_PER_MOTION = 25
+"""Points checked per motion."""
 
-SIZES = (0.03, 0.1, 0.3, 1.0)
-"""Standard deviations of random configurations, radians or metres."""
+STEP_SIZES = (0.03, 0.1, 0.3, 1.0)
+"""Standard deviations of random steps, in radians or metres."""
 
 
 @dataclass(frozen=True)
 class Scene(Drawn):
-    """An arm among obstacles, in this library and in coal, and configurations near which others are drawn."""
+    """An arm among obstacles, here and in coal."""
 
     space: ArmSpace
     meshes: Meshes
@@ -54,12 +54,12 @@ class Scene(Drawn):
 
 
 def check(report: Report, seed: int, points: int, motions: int) -> None:
-    """Check random scenes of each kind of arm until enough points and motions were checked."""
+    """Check random scenes of each kind of arm."""
     if not report.has("pinocchio", "arms skipped"):
         return
     folder = inputs.data_folder()
     kinds: dict[str, Callable[[int, int], Scene]] = {"small arms": draw_small_arm}
-    for robot in ROBOTS:
+    for robot in REAL_ARMS:
         if folder is not None and (folder / "arms" / robot).is_dir():
             kinds[robot] = partial(draw_problem, list(Folder(folder / "arms" / robot).problems(40)))
         else:
@@ -72,11 +72,11 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
                 _check(tally, counts, draw(seed, number), np.random.default_rng([seed, number, 8]))
 
         def enough(tally: Tally, counts: Counter[str] = counts) -> bool:
-            wanted = points // len(kinds), motions * ALONG // len(kinds)
+            wanted = points // len(kinds), motions * POINTS_PER_MOTION // len(kinds)
             return counts["points"] >= wanted[0] and tally.checks["motion"] >= wanted[1]
 
         draw_until(report, name, seed, enough, check_case)
-        # Coal misses some meshes that are open and reach into a box, and things that lie within a mesh.
+        # Coal misses some open meshes that reach into a box, and obstacles inside a mesh.
         report.note(f"BLOCKED: {counts['BLOCKED']} checks, {counts['BLOCKED clear']} without a collision by coal")
         report.note(f"MIXED: {counts['MIXED']} configurations, {counts['MIXED clear']} without a collision by coal")
         report.note(f"{counts['refused']} motions not proven, {counts['missed']} of them without a collision by coal")
@@ -85,7 +85,7 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
 def _check(tally: Tally, counts: Counter[str], scene: Scene, rng: Rng) -> None:
     """Check configurations and motions of one scene."""
     arm, meshes = scene.space.arm, scene.meshes
-    q = _moved(scene.about[rng.integers(len(scene.about), size=DRAWN)], arm, rng)
+    q = _moved(scene.about[rng.integers(len(scene.about), size=CONFIGURATIONS_PER_SCENE)], arm, rng)
     counts["points"] += len(q)
     states = np.asarray(scene.space.classify(q))
     free = q[states == FREE]
@@ -93,11 +93,11 @@ def _check(tally: Tally, counts: Counter[str], scene: Scene, rng: Rng) -> None:
     for name, state in (("BLOCKED", BLOCKED), ("MIXED", MIXED)):
         counts[name] += int((states == state).sum())
         counts[f"{name} clear"] += sum(not meshes.collides(each) for each in q[states == state])
-    free = free[:MOTIONS]
+    free = free[:MAX_MOTIONS_PER_SCENE]
     goals = _moved(free, arm, rng)
     proven = np.asarray(scene.space.motion_is_free(free, goals)) if len(free) else []
     for q0, q1, is_free in zip(free, goals, proven, strict=True):
-        places = q0 + np.linspace(0.0, 1.0, ALONG)[:, np.newaxis] * (q1 - q0)
+        places = q0 + np.linspace(0.0, 1.0, POINTS_PER_MOTION)[:, np.newaxis] * (q1 - q0)
         wrong = _are_wrong(meshes, places)
         if is_free:
             tally.add("motion", scene, places, wrong)
@@ -111,15 +111,15 @@ def _are_wrong(meshes: Meshes, q: Floats) -> Bools:
 
 
 def _moved(q: Floats, arm: Arm, rng: Rng) -> Floats:
-    """Draw configurations around others, some with one joint moved."""
-    step = rng.choice(SIZES, (len(q), 1)) * rng.normal(size=q.shape)
+    """Draw configurations around others; some differ in one joint."""
+    step = rng.choice(STEP_SIZES, (len(q), 1)) * rng.normal(size=q.shape)
     single = rng.random(len(q)) < 0.2
     step[single] *= rng.integers(arm.dof, size=(int(single.sum()), 1)) == np.arange(arm.dof)
     return np.clip(q + step, arm.lower, arm.upper)
 
 
 def draw_problem(problems: list[Problem], seed: int, number: int) -> Scene:
-    """Return an arm near the start or the goals of one of its problems."""
+    """Draw a planning problem of an arm."""
     problem = problems[np.random.default_rng([seed, number, 7]).integers(len(problems))]
     name = f"{problem.folder.robot}, {problem.name} {problem.row['index']}"
     about = np.vstack([problem.start, problem.goals])
@@ -127,7 +127,7 @@ def draw_problem(problems: list[Problem], seed: int, number: int) -> Scene:
 
 
 def draw_small_arm(seed: int, number: int) -> Scene:
-    """Draw a chain or a tree of links, some of which mimic another, among boxes, balls and cylinders."""
+    """Draw a chain or a tree of links among solids."""
     rng = np.random.default_rng([seed, number, 7])
     with tempfile.TemporaryDirectory() as folder:
         path = _write_arm(Path(folder), rng)
@@ -146,14 +146,14 @@ def draw_small_arm(seed: int, number: int) -> Scene:
 
 
 def _draw_solid(rng: Rng) -> tuple[str, tuple[float, ...]]:
-    """Draw a kind of solid, and its sides, or its radius and length."""
+    """Draw a kind of solid and its measures."""
     kind = str(rng.choice(["box", "cylinder", "sphere"]))
     count = {"box": 3, "cylinder": 2, "sphere": 1}[kind]
     return kind, tuple(rng.uniform(0.02, 0.4, count).round(3).tolist())
 
 
 def _write_arm(folder: Path, rng: Rng) -> Path:
-    """Write an arm of two to seven joints of all kinds."""
+    """Write an arm of two to seven joints."""
     parts = [_link("l0", rng)]
     for number in range(int(rng.integers(2, 8))):
         parent = number if rng.random() < 0.8 else rng.integers(number + 1)

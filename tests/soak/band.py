@@ -1,8 +1,8 @@
-"""Thickness of the MIXED band, for maps that are grids and convex robots, in cells.
+"""Thickness of the MIXED band, in cells.
 
 * *depth*: the largest chessboard distance of a MIXED cell from a BLOCKED one.
-* *width*: the largest number of MIXED cells in a row, in the direction (axes and diagonals) in which it is smallest for
-  a cell. It is measured around a single box, where no two bands merge; the depth is measured on all maps.
+* *width*: the largest number of MIXED cells in a row, for each cell in its narrowest direction (axes and diagonals). It
+  is measured around a single box, because no two bands merge there; the depth is measured on all maps.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from cspace import BLOCKED, MIXED, Robot, Workspace
 from cspace.arrays import Bools, States
 from tests.soak.tally import Rng
 
-MOST = 3
-"""Largest allowed depth and width, cells."""
+MAX_BAND = 3
+"""Maximum depth and width of the band, in cells."""
 
 CONVEX = ("disc", "rectangle", "regular polygon")
 REAL = ("maps/depot.yaml", "maps/willow-full-0.05.yaml", "movingai/Berlin_1_1024.map", "movingai/random512-10-0.map")
 
 
 def check(report: Report, seed: int, number: int) -> None:
-    """Measure random grids with convex robots from 4 to 40 cells across, and real maps."""
+    """Measure random grids with convex robots, and real maps."""
     rng = np.random.default_rng([seed, 2])
     for kind in CONVEX:
         depth = width = cells = 0
@@ -38,7 +38,7 @@ def check(report: Report, seed: int, number: int) -> None:
             cells += int((state == MIXED).sum())
         report.section(f"MIXED band: {number} random grids, {kind} from 4 to 40 cells across, {cells} MIXED cells")
         _check_depth(report, depth)
-        report.check(width <= MOST, f"around a box, the band is {width} cells wide (at most {MOST})")
+        report.check(width <= MAX_BAND, f"around a box, the band is {width} cells wide (at most {MAX_BAND})")
     for name in REAL:
         workspace = inputs.real_map(name)
         if workspace is None:
@@ -50,11 +50,11 @@ def check(report: Report, seed: int, number: int) -> None:
 
 
 def _check_depth(report: Report, depth: int) -> None:
-    report.check(depth <= MOST, f"no MIXED cell is more than {depth} cells from a BLOCKED one (at most {MOST})")
+    report.check(depth <= MAX_BAND, f"no MIXED cell is more than {depth} cells from a BLOCKED one (at most {MAX_BAND})")
 
 
 def depth_of(state: States) -> int:
-    """Return the largest chessboard distance of a MIXED cell from a BLOCKED one; 0 if either is absent."""
+    """Return the largest chessboard distance from MIXED to BLOCKED."""
     if not (state == BLOCKED).any():
         return 0
     apart = ndimage.distance_transform_cdt(state != BLOCKED, metric="chessboard")
@@ -62,7 +62,7 @@ def depth_of(state: States) -> int:
 
 
 def width_of(state: States) -> int:
-    """Return the width of the band of a map whose border is FREE."""
+    """Return the width of the band."""
     mixed, width = state == MIXED, 0
     left = mixed
     while left.any():
@@ -81,7 +81,7 @@ def _draw_cells(rng: Rng, turn: int) -> Bools:
 
 
 def _draw_robot(rng: Rng, kind: str) -> tuple[Robot, float]:
-    """Draw a robot and its size, 4 to 40 cells; half of the lengths are whole numbers of cells."""
+    """Draw a robot of 4 to 40 cells, and its size."""
     across = 4.0 * 10.0 ** rng.random()
     length, width = (round(n) if rng.random() < 0.5 else n for n in (across, rng.uniform(4.0, across)))
     center = rng.choice([0.0, 0.5]) * rng.uniform(-1.0, 1.0, 2)

@@ -1,4 +1,4 @@
-"""Proofs of curved edges, against exact geometry at points from OMPL or from driving the pieces of the curve."""
+"""Proofs of curved edges, against OMPL's points."""
 
 from __future__ import annotations
 
@@ -12,45 +12,45 @@ from cspace import FREE
 from cspace.arrays import Floats
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
-from tests.soak.maps import ALONG, nearly_snapped, not_free_along
+from tests.soak.maps import POINTS_PER_EDGE, nearly_snapped, not_free_along
 from tests.soak.plane import draw_case
 from tests.soak.tally import Case, Rng, Tally, draw_until, pick_close
 
-CANDIDATES, TAKEN = 300, 40
-"""Edges drawn, and free edges that are followed, for each map and kind of curve."""
+N_CURVES, N_FOLLOWED = 300, 40
+"""Edges drawn, and free edges followed, per map and kind of curve."""
 
 RADII = (2.0, 30.0)
-"""Range of turning radii, cells."""
+"""Range of turning radii, in cells."""
 
 SAME = 1e-9
-"""Difference in length, in turning radii, up to which OMPL's curve counts as ours."""
+"""Maximum difference in length, in turning radii, of equal curves."""
 
 OFF = 1e-6
-"""Distance, in turning radii or radians, by which points of the same curve may differ."""
+"""Maximum distance of points of equal curves, in turning radii or radians."""
 
 
 def check(report: Report, seed: int, edges: int) -> None:
-    """Check random maps until enough free curves of each kind were followed."""
+    """Check random maps until enough curves were followed."""
     others = Counter[str]()
 
     def check_case(tally: Tally, number: int) -> None:
         case, rng = draw_case(seed, number, turning=True), np.random.default_rng([seed, number, 5])
         if (case.space._kernel_map.states == FREE).any():
             for name in CURVES:
-                if tally.checks[name] < edges * ALONG:
+                if tally.checks[name] < edges * POINTS_PER_EDGE:
                     _check_curves(tally, others, case, name, rng)
 
     def enough(tally: Tally) -> bool:
-        return min(tally.checks[name] for name in CURVES) >= edges * ALONG
+        return min(tally.checks[name] for name in CURVES) >= edges * POINTS_PER_EDGE
 
-    tally = draw_until(report, f"curves at {ALONG} points each", seed, enough, check_case)
+    tally = draw_until(report, f"curves at {POINTS_PER_EDGE} points each", seed, enough, check_case)
     for name in CURVES:
-        followed = tally.checks[name] // ALONG
+        followed = tally.checks[name] // POINTS_PER_EDGE
         report.note(f"{others[name]} of {followed} {name} edges differ from OMPL's; their pieces were driven instead")
 
 
 def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng: Rng) -> None:
-    """Check all points of free curves, by the proof that a plan uses."""
+    """Check all points of free curves."""
     space = case.space
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
     if rng.random() < 0.3:
@@ -66,9 +66,9 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
         return
     lengths = np.array([way.metres(*pair) for pair in pairs])
     few = np.stack([way.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
-    picked = pick_close(np.asarray(space.clearance(few)).min(axis=1), TAKEN, rng)
+    picked = pick_close(np.asarray(space.clearance(few)).min(axis=1), N_FOLLOWED, rng)
     oracle = _Oracle(way)
-    q, missed = np.empty((len(picked), ALONG, 3)), np.zeros((len(picked), 1), dtype=np.bool_)
+    q, missed = np.empty((len(picked), POINTS_PER_EDGE, 3)), np.zeros((len(picked), 1), dtype=np.bool_)
     for k, edge in enumerate(picked):
         q[k], missed[k], other = oracle.follow(pairs[edge, 0], pairs[edge, 1], float(lengths[edge]))
         others[name] += other
@@ -77,26 +77,26 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
 
 
 def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floats]:
-    """Draw both ends of curves: most goals are driven to, so that many curves are short; the others are near."""
+    """Draw ends of curves, mostly short."""
     space, spacing = case.space, case.space.grid.spacing
-    starts = space.sample_free(CANDIDATES, rng)
-    snapped = rng.random(CANDIDATES) < 0.3
+    starts = space.sample_free(N_CURVES, rng)
+    snapped = rng.random(N_CURVES) < 0.3
     starts[snapped] = nearly_snapped(case.space, starts[snapped], rng, away=0.0)
-    turns = rng.integers(-1, 2, (CANDIDATES, 3))
-    lengths = spacing * rng.choice([1.0, 4.0, 15.0], (CANDIDATES, 1)) * rng.exponential(size=(CANDIDATES, 3))
+    turns = rng.integers(-1, 2, (N_CURVES, 3))
+    lengths = spacing * rng.choice([1.0, 4.0, 15.0], (N_CURVES, 1)) * rng.exponential(size=(N_CURVES, 3))
     if name != "dubins":
         lengths *= rng.choice([-1.0, 1.0], lengths.shape)
     goals = drive(starts, turns, lengths, radius)
-    near = rng.random(CANDIDATES) < 0.2
+    near = rng.random(N_CURVES) < 0.2
     goals[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(size=(int(near.sum()), 2))
     goals[near, 2] = rng.uniform(-np.pi, np.pi, int(near.sum()))
-    snapped = rng.random(CANDIDATES) < 0.1
+    snapped = rng.random(N_CURVES) < 0.1
     goals[snapped] = nearly_snapped(case.space, goals[snapped], rng, away=0.0)
     return starts, goals
 
 
 def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
-    """Drive cars from configurations, shape (n, 3), along circles and lines, chord by chord.
+    """Drive cars from configurations (n, 3) along circles and lines.
 
     ``turns`` and ``lengths`` have shape (n, pieces): 1 (left), -1 (right) or 0 (straight), and metres, negative in
     reverse.
@@ -110,15 +110,15 @@ def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
 
 
 class _Oracle:
-    """Points of curves from OMPL, or from driving the pieces of our curve if OMPL's differs."""
+    """Points of curves, by OMPL or by driving."""
 
     def __init__(self, way: CarCurves) -> None:
         self._way, self._states = way, way.make_states()
         self._first, self._last, self._at = (self._states.allocState() for _ in range(3))
 
     def follow(self, first: Floats, last: Floats, length: float) -> tuple[Floats, bool, bool]:
-        """Return points of a curve, shape (ALONG, 3), whether ours deviate, and whether OMPL's curve differs."""
-        ours = self._way.points(first, last, np.linspace(0.0, length, ALONG))
+        """Return points (n, 3), if ours deviate, and if OMPL's curve differs."""
+        ours = self._way.points(first, last, np.linspace(0.0, length, POINTS_PER_EDGE))
         for state, q in ((self._first, first), (self._last, last)):
             state.setXY(float(q[0]), float(q[1]))
             state.setYaw(float(q[2]))
@@ -134,7 +134,7 @@ class _Oracle:
     def _theirs(self, ours: Floats) -> Floats:
         interpolate, first, last, at = self._states.interpolate, self._first, self._last, self._at
         q = []
-        for t in np.linspace(0.0, 1.0, ALONG).tolist():
+        for t in np.linspace(0.0, 1.0, POINTS_PER_EDGE).tolist():
             interpolate(first, last, t, at)
             q.append((at.getX(), at.getY(), at.getYaw()))
         theirs = np.array(q)
@@ -146,11 +146,13 @@ class _Oracle:
         turns, lengths, _ = shortest_word(self._way.kind, radius, tuple(first.tolist()), tuple(last.tolist()))
         whole = radius * lengths
         begin = np.cumsum(np.abs(whole)) - np.abs(whole)
-        parts = np.clip(np.linspace(0.0, length, ALONG)[:, None] - begin, 0.0, np.abs(whole)) * np.sign(whole)
-        return drive(np.repeat(first[None], ALONG, axis=0), np.broadcast_to(turns, parts.shape), parts, radius)
+        parts = np.clip(np.linspace(0.0, length, POINTS_PER_EDGE)[:, None] - begin, 0.0, np.abs(whole)) * np.sign(whole)
+        return drive(
+            np.repeat(first[None], POINTS_PER_EDGE, axis=0), np.broadcast_to(turns, parts.shape), parts, radius
+        )
 
 
 def _apart(a: Floats, b: Floats, radius: float) -> float:
-    """Return the largest distance of corresponding points, in turning radii or radians."""
+    """Return the largest distance of paired points."""
     turn = (a[:, 2] - b[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return float(max(np.hypot(*(a - b)[:, :2].T).max() / radius, np.abs(turn).max()))

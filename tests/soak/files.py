@@ -1,8 +1,8 @@
-"""Damaged and forged files: each opens, or is refused in one line, in time and within memory.
+"""Damaged and forged files, which open or are refused.
 
-Mutants of one small file of each family (bits, bytes, swaps, truncation, numbers to extremes, spliced pieces) are
-opened in processes of their own, each held to 20 seconds and 2 GB. A changed store must be refused. A "forged" map has
-digests that agree with the change, as an attacker would write them.
+Separate processes, limited to 20 seconds and 2 GB, open mutants of one small file of each family: flipped bits and
+bytes, swaps, truncation, extreme numbers, spliced pieces. A changed store must be refused. A "forged" map has digests
+that agree with the change, as an attacker would write them.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 SECONDS = 20
 BYTES = 2**31
 MUTANTS = 20_000
-ROUND = 500
-"""Mutants opened by one process."""
+BATCH = 500
+"""Number of mutants opened by one process."""
 
 EXTREMES = (*b"0 -1 1e308 nan inf -0.0 4294967295 2147483648 1e-310".split(), b"9" * 19, b"9" * 400)
 EXTREME_WORDS = (b"\0\0\0\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80")
@@ -45,7 +45,7 @@ Rng = np.random.Generator
 
 
 def families(folder: Path) -> dict[str, Path]:
-    """Write one small file of each family into a folder; a store is a folder."""
+    """Write one small file of each family."""
     import trimesh
     import zarr
     from PIL import Image
@@ -129,7 +129,7 @@ def families(folder: Path) -> dict[str, Path]:
 
 
 def open_file(path: Path) -> object:
-    """Open a file by the function that a user calls."""
+    """Open a file like a user."""
     from cspace.spectral import BallDecomposition
 
     if path.name.startswith("balls"):
@@ -146,7 +146,10 @@ def open_file(path: Path) -> object:
 
 
 def mutant(content: bytes, other: bytes, rng: Rng) -> bytes:
-    """Return a file with one to four changes; ``other`` is a file to take pieces from."""
+    """Change a file one to four times.
+
+    ``other`` is a file to splice pieces from.
+    """
     data = bytearray(content)
     for _ in range(int(rng.integers(1, 5))):
         data = _change(str(rng.choice(CHANGES)), data, other, rng)
@@ -157,12 +160,12 @@ def _change(kind: str, data: bytearray, other: bytes, rng: Rng) -> bytearray:
     at = int(rng.integers(len(data) + 1))
     if kind == "cut":
         return data[:at]
-    if kind == "splice":  # a piece of another file, or of this one
+    if kind == "splice":  # insert a piece of another file, or of this one
         source = other if rng.random() < 0.5 else bytes(data)
         start, length = int(rng.integers(len(source) + 1)), int(rng.integers(1, 65))
         drop = int(rng.integers(0, 65)) if rng.random() < 0.5 else 0
         return data[:at] + source[start : start + length] + data[at + drop :]
-    if kind == "repeat":  # as deep nesting and long lines are made
+    if kind == "repeat":  # makes deep nesting and long lines
         return data[:at] + data[at : at + 1] * int(rng.integers(2, 20_000)) + data[at:]
     numbers = list(re.finditer(rb"-?\d+(\.\d+)?", data)) if kind == "extreme" and rng.random() < 0.7 else []
     if numbers:
@@ -182,7 +185,7 @@ def _change(kind: str, data: bytearray, other: bytes, rng: Rng) -> bytearray:
 
 
 def attempt(path: Path) -> str:
-    """Open a file; return "opened", "refused", or a line about what else happened."""
+    """Open a file; return "opened", "refused", or the failure."""
     try:
         with warnings.catch_warnings(action="ignore"):
             open_file(path)
@@ -197,7 +200,10 @@ def attempt(path: Path) -> str:
 def attempts(
     seed: int, every: dict[str, Path], name: str, first: int, count: int, keep: Path | None = None
 ) -> Counter[str]:
-    """Count outcomes of mutants of one of :func:`families`, which is restored; write failing ones to ``keep``."""
+    """Count outcomes of mutants of a family, and restore its file.
+
+    Failing mutants are written to ``keep``.
+    """
     outcomes: Counter[str] = Counter()
     signal.signal(signal.SIGALRM, _late)
     path, write = every[name], _FORGERS.get(name, _write)
@@ -208,11 +214,11 @@ def attempts(
         part = sorted(parts)[int(rng.integers(len(parts)))]
         changed = mutant(parts[part], others[int(rng.integers(len(others)))], rng)
         write(path, parts, part, changed)
-        began = time.monotonic()
+        start = time.monotonic()
         signal.alarm(SECONDS)
         result = attempt(path)
         signal.alarm(0)
-        if time.monotonic() - began > SECONDS:
+        if time.monotonic() - start > SECONDS:
             result = f"over {SECONDS} s, then {result}"
         if name == "saved.zarr" and result == "opened" and changed != parts[part]:
             result = "a changed store was opened"
@@ -226,7 +232,7 @@ def attempts(
 
 
 Parts = dict[str, bytes]
-"""Contents of the files of a folder or the members of an archive, by name."""
+"""Contents of the files of a folder, by name."""
 
 
 def parts_of(path: Path) -> Parts:
@@ -236,19 +242,19 @@ def parts_of(path: Path) -> Parts:
 
 
 def _write(path: Path, parts: Parts, part: str, content: bytes) -> None:
-    (path / part).unlink(missing_ok=True)  # disks are slow to write over what is there
+    (path / part).unlink(missing_ok=True)  # disks overwrite files slowly
     (path / part).write_bytes(content)
 
 
 def forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
-    """Write one part of a stored map, and digests that agree with it."""
+    """Write one part of a stored map, and matching digests."""
     _write(path, parts, part, content)
-    with suppress(Exception):  # what cannot be decoded has no digests
+    with suppress(Exception):  # damaged metadata may not decode
         reseal(path)
 
 
 def reseal(path: Path, **metadata: Any) -> None:
-    """Make all digests of a stored map of one tile agree with its files, and change some of its metadata."""
+    """Recompute the digests of a stored map of one tile."""
     from numcodecs import Zstd
 
     root = json.loads((path / "zarr.json").read_bytes())["attributes"]
@@ -276,7 +282,7 @@ _FORGERS = {"forged.zarr": forge_store}
 
 
 class Late(BaseException):
-    """Opening a file took too long; only the soak catches this."""
+    """Opening took too long; a BaseException that only the soak catches."""
 
 
 def _late(*about: object) -> None:
@@ -291,20 +297,20 @@ def _child(queue: Any, *arguments: Any) -> None:
 
 
 def _outcomes(seed: int, every: dict[str, Path], name: str, wanted: int) -> Counter[str]:
-    """Count outcomes of all mutants of one family, in child processes."""
+    """Count outcomes of mutants in child processes."""
     outcomes: Counter[str] = Counter()
-    opened = attempt(every[name])  # imports and compiles what the children need, too
+    opened = attempt(every[name])  # imports and compiles for the children, too
     if opened != "opened":
         outcomes[f"{name} itself: {opened}"] += 1
     context = multiprocessing.get_context("fork")
-    for first in range(0, wanted, ROUND):
+    for first in range(0, wanted, BATCH):
         queue: Any = context.Queue()
-        child = context.Process(target=_child, args=(queue, seed, every, name, first, min(ROUND, wanted - first)))
+        child = context.Process(target=_child, args=(queue, seed, every, name, first, min(BATCH, wanted - first)))
         child.start()
         try:
-            outcomes += queue.get(timeout=ROUND * SECONDS)
-        except Exception:  # nothing came back, and the file is left as it was then
-            outcomes[f"{name}: a process died among mutants {first} to {first + ROUND}"] += 1
+            outcomes += queue.get(timeout=BATCH * SECONDS)
+        except Exception:  # the child died, and left its mutant behind
+            outcomes[f"{name}: a process died among mutants {first} to {first + BATCH}"] += 1
             child.kill()
             break
         finally:
@@ -318,12 +324,12 @@ def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
     with tempfile.TemporaryDirectory() as folder:
         names = list(families(Path(folder)))
     for name in names:
-        began = time.perf_counter()
+        start = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             outcomes = _outcomes(seed, families(Path(folder)), name, wanted)
         bad = [result for result in outcomes if result not in ("opened", "refused")]
         opened, refused = outcomes["opened"], outcomes["refused"]
-        report.note(f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - began:.0f} s")
+        report.note(f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - start:.0f} s")
         for result in bad[:9]:
             report.note(f"  {result}")
         report.check(not bad, f"{name}: every mutant opens or is refused in one line")

@@ -1,4 +1,4 @@
-"""Proofs from frequencies that pairs of shapes are apart or collide, against exact geometry, in plane and space."""
+"""Proofs from frequencies, against exact geometry."""
 
 from __future__ import annotations
 
@@ -18,46 +18,46 @@ from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
 from tests.soak import plane
-from tests.soak.solids import Blocks, SkinPair, SolidSurface, directions
+from tests.soak.solids import Blocks, SolidSurface, SurfacePair, directions
 from tests.soak.space import dented_ball
 from tests.soak.tally import Drawn, Rng, Tally, draw_until
 
 Oracle = Callable[[Floats], Bools]
 
-BUMPS = (1.0, 2.0, 2.0, 3.0, 4.0)
-"""Exponents of the bumps that are drawn."""
+BUMP_EXPONENTS = (1.0, 2.0, 2.0, 3.0, 4.0)
+"""Exponents of bumps to draw from."""
 
-BALLS = {2: (10, 60), 3: (10, 50)}
-"""Range of the number of balls of a body, by dimension."""
+BALLS_PER_BODY = {2: (10, 60), 3: (10, 50)}
+"""Range of the number of balls per body, by dimension."""
 
 TOLERANCES = {2: (0.01, 0.1), 3: (0.1, 0.5)}
-"""Tolerances that choose the bands: low bands leave more undecided, and take less time."""
+"""Tolerances of the bands, by dimension; low bands decide less, but faster."""
 
 POOL = 16
-"""Number of bodies decomposed for each dimension and seed.
+"""Number of bodies decomposed per dimension and seed.
 
-Pairs are made of these, stretched, turned and moved, which rounds by far less than the balls grow.
+Pairs are scaled, rotated and translated copies; the balls grow by far more than this rounds.
 """
 
-POSES = 4
-"""Rotations tested of each pair."""
+ROTATIONS_PER_PAIR = 4
+"""Rotations tested per pair."""
 
-PLACEMENTS = 500
-"""Placements tested at each rotation, a third of them near contact."""
+PLACEMENTS_PER_ROTATION = 500
+"""Placements tested per rotation, a third near contact."""
 
-STEPS = 45
+BISECTION_STEPS = 45
 """Bisection steps to find a contact."""
 
-NEAR = (-11.0, -0.7)
-"""Range of the decimal logarithm of the distance from contact, in sizes of the domain."""
+LOG_CONTACT_DISTANCES = (-11.0, -0.7)
+"""Range of log10 of the distance from contact, in sizes of the domain."""
 
-WITHOUT = 20
-"""Step between placements that are also tested by frequencies alone, without swollen balls."""
+UNSWOLLEN_STEP = 20
+"""Step between placements tested again without swollen balls."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """A polygon or the triangles of a closed mesh, and the centers and radii of its balls.
+    """A polygon or closed mesh, and its balls.
 
     Outer balls cover the body; inner balls lie in it, and are None if none fits.
     """
@@ -69,17 +69,17 @@ class Body:
 
     @classmethod
     def of(cls, kind: str, shape: Any, number: int) -> Body:
-        """Decompose a body into a number of outer and of inner balls."""
+        """Decompose a body into ``number`` outer and inner balls."""
         solid = Mesh(shape.reshape(-1, 3), np.arange(len(shape) * 3).reshape(-1, 3)) if _is_solid(shape) else shape
         outer = decompose(solid, kind="outer", number=number)
         try:
             inner = decompose(solid, kind="inner", number=number)
-        except InputError:  # no room for any
+        except InputError:  # no ball fits
             return cls(kind, shape, (outer.centers, outer.radii), None)
         return cls(kind, shape, (outer.centers, outer.radii), (inner.centers, inner.radii))
 
-    def placed(self, scale: float, matrix: Floats, away: Floats) -> Body:
-        """Stretch, then turn, then move the body."""
+    def place(self, scale: float, matrix: Floats, away: Floats) -> Body:
+        """Scale, rotate and translate the body."""
 
         def move(points: Floats) -> Floats:
             return np.asarray(scale * points @ matrix.T + away)
@@ -96,14 +96,14 @@ def _is_solid(shape: Any) -> bool:
 
 @dataclass(frozen=True)
 class PairCase(Drawn):
-    """A body that moves, fixed ones, which may overlap each other, and their overlap."""
+    """A moving body, fixed bodies, and their overlap."""
 
     a: Body
     b: list[Body]
     overlap: FourierOverlap
 
-    def turned(self, rng: Rng) -> tuple[Floats, FourierOverlap, Oracle]:
-        """Draw a rotation; return its numbers, the overlap there, and an oracle of collisions."""
+    def rotate(self, rng: Rng) -> tuple[Floats, FourierOverlap, Oracle]:
+        """Draw a rotation; return it, its overlap and its oracle."""
         if self.overlap.dim == 2:
             yaw = float(rng.uniform(-np.pi, np.pi))
             matrix = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
@@ -113,40 +113,40 @@ class PairCase(Drawn):
 
 
 def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
-    """Return a function that tests whether body a, turned and moved, meets others, by shapely or FCL."""
+    """Return a function that tests translations for collisions."""
     if len(matrix) == 2:
         shape, others = plane.Shape([a.shape]), [body.shape for body in b]
         shapely.prepare(others)
         yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
         return lambda ts: shape.meets(others, np.column_stack([ts, np.full(len(ts), yaw)]), 0.0)
-    pair = SkinPair(SolidSurface.of_bodies([a.shape @ matrix.T]), SolidSurface.of_bodies([each.shape for each in b]))
+    pair = SurfacePair(SolidSurface.of_bodies([a.shape @ matrix.T]), SolidSurface.of_bodies([each.shape for each in b]))
     return lambda ts: pair.within(ts, np.zeros(len(ts)))
 
 
 @cache
 def pool_body(seed: int, index: int, dim: int) -> Body:
-    """Return a body of the pool, about a metre across; successive indices go through all kinds."""
+    """Return a body of the pool, about 1 m across."""
     rng = np.random.default_rng([seed, index, 20 + dim])
     kind = list(BODIES[dim])[index % len(BODIES[dim])]
-    return Body.of(kind, BODIES[dim][kind](rng), int(rng.integers(*BALLS[dim])))
+    return Body.of(kind, BODIES[dim][kind](rng), int(rng.integers(*BALLS_PER_BODY[dim])))
 
 
 def draw_pair(seed: int, number: int, dim: int) -> PairCase:
-    """Draw a pair, the same one for the same arguments."""
+    """Draw a pair, reproducibly."""
     rng = np.random.default_rng([seed, number, 30 + dim])
     size = float(10.0 ** rng.uniform(-2.0, 2.0))
-    a = pool_body(seed, number % POOL, dim).placed(
+    a = pool_body(seed, number % POOL, dim).place(
         size, np.eye(dim), size * rng.choice([0.0, 3.0]) * rng.normal(size=dim)
     )
     corner = size * float(rng.choice([0.0, 30.0])) * rng.normal(size=dim)
     b = [
-        pool_body(seed, int(rng.integers(POOL)), dim).placed(
+        pool_body(seed, int(rng.integers(POOL)), dim).place(
             size * float(rng.uniform(0.5, 2.0)), random_turn(rng, dim), corner + size * rng.uniform(-1.5, 1.5, dim)
         )
         for _ in range(int(rng.integers(1, 4)))
     ]
     bump, tolerance, classes = (
-        Bump(float(rng.choice(BUMPS))),
+        Bump(float(rng.choice(BUMP_EXPONENTS))),
         float(rng.choice(TOLERANCES[dim])),
         int(rng.integers(1, 9)),
     )
@@ -162,7 +162,10 @@ def draw_pair(seed: int, number: int, dim: int) -> PairCase:
 def overlap_of(
     a: Body, b: list[Body], share: float, classes: int, bump: Bump, tolerance: float, inner: bool
 ) -> FourierOverlap:
-    """Return the overlap of a body and others, whose balls grow by a share of the smaller median radius."""
+    """Return the overlap of bodies of growing balls.
+
+    Balls grow by a share of the smaller median radius.
+    """
     sets = [a.outer, _together([each.outer for each in b])]
     if inner and a.inner is not None and all(each.inner is not None for each in b):
         sets += [a.inner, _together([each.inner for each in b if each.inner is not None])]
@@ -181,7 +184,7 @@ def random_turn(rng: Rng, dim: int) -> Floats:
     return np.asarray(matrix)
 
 
-# ---- bodies about the origin, up to two metres across ---------------------------------------------------------------
+# ---- bodies around the origin, up to two metres across ---------------------------------------------------------------
 
 
 def _star(rng: Rng) -> Any:
@@ -213,7 +216,7 @@ def _hull(rng: Rng) -> Floats:
 
 def _box(rng: Rng) -> Floats:
     half = rng.uniform(0.1, 1.0, 3)
-    return np.asarray(Blocks.boxes(np.array([-half, half])).skin().triangles)
+    return np.asarray(Blocks.boxes(np.array([-half, half])).to_surface().triangles)
 
 
 def _prism(rng: Rng) -> Floats:
@@ -222,7 +225,7 @@ def _prism(rng: Rng) -> Floats:
 
 BODIES: dict[int, dict[str, Callable[[Rng], Any]]] = {
     2: {"star": _star, "ring": _ring, "rectangle": _rectangle, "L": _ell},
-    3: {"hull": _hull, "dented ball": partial(dented_ball, most=2), "box": _box, "L": _prism},
+    3: {"hull": _hull, "dented ball": partial(dented_ball, max_subdivisions=2), "box": _box, "L": _prism},
 }
 
 
@@ -230,29 +233,29 @@ BODIES: dict[int, dict[str, Callable[[Rng], Any]]] = {
 
 
 def check(report: Report, seed: int, wanted: int) -> None:
-    """Check random pairs, in the plane and in space, until enough placements were tested."""
+    """Check random pairs until enough placements were tested."""
     for dim, where in ((2, "in the plane"), (3, "in space")):
 
         def check_case(tally: Tally, number: int, dim: int = dim) -> None:
             case, rng = draw_pair(seed, number, dim), np.random.default_rng([seed, number, 40 + dim])
-            for _ in range(POSES):
+            for _ in range(ROTATIONS_PER_PAIR):
                 _check_pose(tally, case, rng)
 
-        title = f"verdicts from frequencies {where}, {POSES} rotations of each pair"
+        title = f"verdicts from frequencies {where}, {ROTATIONS_PER_PAIR} rotations of each pair"
         draw_until(report, title, seed, lambda tally: tally.verdicts.total() >= wanted, check_case)
 
 
 def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
-    """Check that no MISS meets and every HIT does, at one rotation."""
-    rotation, overlap, collide = case.turned(rng)
+    """Check verdicts at one rotation."""
+    rotation, overlap, collide = case.rotate(rng)
     low, high = overlap.domain
-    ts = rng.uniform(low, high, (PLACEMENTS, case.overlap.dim))
-    ts[:: PLACEMENTS // 10] += rng.choice([-1.0, 1.0]) * (high - low)
+    ts = rng.uniform(low, high, (PLACEMENTS_PER_ROTATION, case.overlap.dim))
+    ts[:: PLACEMENTS_PER_ROTATION // 10] += rng.choice([-1.0, 1.0]) * (high - low)
     contacts = _contacts(overlap, collide, ts, rng)
     ts[len(ts) - len(contacts) :] = contacts
     meets = collide(ts)
     _judge(tally, case, rotation, ts, meets, overlap.separated(ts).verdict)
-    part = slice(None, None, WITHOUT)
+    part = slice(None, None, UNSWOLLEN_STEP)
     _judge(tally, case, rotation, ts[part], meets[part], overlap.separated(ts[part], swelling=False).verdict)
 
 
@@ -268,7 +271,7 @@ def _judge(tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bo
 
 
 def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) -> Floats:
-    """Draw placements near contact, on straight lines outwards from collisions, at most a third of ``ts``."""
+    """Draw placements near contact, a third of ``ts``."""
     touching = ts[collide(ts)]
     if not len(touching):
         return ts[:0]
@@ -279,10 +282,10 @@ def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) ->
     directions = rng.normal(size=starts.shape)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     near, far = np.zeros(len(starts)), np.full(len(starts), 2.0 * size)
-    for _ in range(STEPS):
+    for _ in range(BISECTION_STEPS):
         middle = 0.5 * (near + far)
         meets = collide(starts + middle[:, None] * directions)
         near, far = np.where(meets, middle, near), np.where(meets, far, middle)
     picked = rng.integers(len(starts), size=number)
-    off = size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*NEAR, number)
+    off = size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*LOG_CONTACT_DISTANCES, number)
     return np.asarray(starts[picked] + (far[picked] + off)[:, None] * directions[picked])

@@ -1,4 +1,4 @@
-"""Proofs of maps in every space: states, edges, boxes, clearance, containment, disconnection, exact answers."""
+"""Proofs of maps in every space."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from tests.soak.tally import Case, Rng, Tally, draw_until, not_free, pick_close
 
 TWO_PI = 2.0 * np.pi
 
-PER_STATE = 900
-"""Configurations drawn in FREE and in BLOCKED cells of each map, half of them where the state changes."""
+POINTS_PER_STATE = 900
+"""Configurations drawn in FREE and in BLOCKED cells per map, half beside other states."""
 
-CANDIDATES, TAKEN = 200, 30
-"""Edges drawn on each map, and free edges that are followed."""
+CANDIDATES, FOLLOWED = 200, 30
+"""Edges drawn, and free edges followed, per map."""
 
-ALONG = 1000
-"""Points checked along each edge."""
+POINTS_PER_EDGE = 1000
+"""Points checked per edge."""
 
-GROUPS = (200, 20)
-"""Consecutive points of an edge that one test of the distance may settle together, from coarse to fine."""
+GROUP_SIZES = (200, 20)
+"""Consecutive points of an edge that one distance may prove free, coarse then fine."""
 
 WALKS, STEPS = 30, 25
-"""Walks on each map, and attempted motions of each."""
+"""Walks per map, and motions attempted per walk."""
 
 EDGE = "edge"
 
-EXACT_CANDIDATES, EXACT_TAKEN = 400, 40
-"""Edges drawn on each map, and edges proven by geometry alone that are followed."""
+EXACT_CANDIDATES, EXACT_FOLLOWED = 400, 40
+"""Edges drawn, and edges proven only by geometry and followed, per map."""
 
-CLOSE = 0.05
-"""Distance from the obstacles, in cells, at which an edge counts as close."""
+CLOSE_CELLS = 0.05
+"""Distance from obstacles, in cells, at which an edge is close."""
 
-CLEAR = 1e-3
-"""Distance from the obstacles, in cells, from which a point must be proven."""
+PROVABLE_CELLS = 1e-3
+"""Distance from obstacles, in cells, from which a point must be proven."""
 
-ASKED = 20
-"""Step between points of an edge at which the map must prove the point, too."""
+QUERY_STEP = 20
+"""Step between points of an edge that the map must prove, too."""
 
 EXACT_POINT, EXACT_EDGE, LOST = "exact point", "exact edge", "exact point that is not proven"
 
@@ -58,11 +58,11 @@ SPACES: dict[str, tuple[Draw, int]] = {
     "robots that turn in space": (partial(draw_solid_case, turning=True), 10),
     "robots that turn freely in space": (partial(draw_solid_case, freely=True), 10),
 }
-"""How to draw cases, and by how much fewer: each turned solid is a shape of its own for the oracle, which is slow."""
+"""How to draw cases, and the divisor of their number, because the oracle is slow for rotating solids."""
 
 
 def check(report: Report, seed: int, answers: int, edges: int) -> None:
-    """Check random maps of each space until enough FREE and BLOCKED answers and free edges were checked."""
+    """Check random maps of each space."""
     for name, (draw, share) in SPACES.items():
         check_maps(report, name, draw, seed, answers // share, edges // share)
 
@@ -71,7 +71,9 @@ def check_maps(report: Report, name: str, draw: Draw, seed: int, answers: int, e
     """Check maps of one space."""
 
     def enough(tally: Tally) -> bool:
-        return tally.checks["FREE"] + tally.checks["BLOCKED"] >= answers and tally.checks[EDGE] >= edges * ALONG
+        return (
+            tally.checks["FREE"] + tally.checks["BLOCKED"] >= answers and tally.checks[EDGE] >= edges * POINTS_PER_EDGE
+        )
 
     def check_case(tally: Tally, number: int) -> None:
         case, rng = draw(seed, number), np.random.default_rng([seed, number, 1])
@@ -83,31 +85,31 @@ def check_maps(report: Report, name: str, draw: Draw, seed: int, answers: int, e
         _check_containment(tally, case, rng)
         _check_walks(tally, case, rng)
 
-    draw_until(report, f"{name}, edges at {ALONG} points each", seed, enough, check_case)
+    draw_until(report, f"{name}, edges at {POINTS_PER_EDGE} points each", seed, enough, check_case)
 
 
 def check_exact(report: Report, seed: int, edges: int) -> None:
-    """Check points and edges that only ``exact=True`` proves, until enough edges were followed in each space."""
+    """Check what only ``exact=True`` proves, in each space."""
     for name, (draw, share) in SPACES.items():
 
         def check_case(tally: Tally, number: int, draw: Draw = draw) -> None:
             _check_exact(tally, draw(seed, number), np.random.default_rng([seed, number, 6]))
 
-        wanted = edges * ALONG // share
-        title = f"exact=True, {name}, edges at {ALONG} points each"
+        wanted = edges * POINTS_PER_EDGE // share
+        title = f"exact=True, {name}, edges at {POINTS_PER_EDGE} points each"
         draw_until(report, title, seed, lambda tally, wanted=wanted: tally.checks[EXACT_EDGE] >= wanted, check_case)
 
 
-# ---- what is checked -------------------------------------------------------------------------------------------------
+# ---- checks ----------------------------------------------------------------------------------------------------------
 
 
 def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check configurations in cells of each state, on and next to borders and corners, and anywhere."""
+    """Check configurations in cells of each state, and anywhere."""
     space = case.space
     state, border = space.cell_states, _state_changes(space.cell_states, space.grid.dim)
     drawn, claimed = [], []
     for claim in (FREE, MIXED, BLOCKED):
-        number = PER_STATE // 9 if claim == MIXED else PER_STATE // 2
+        number = POINTS_PER_STATE // 9 if claim == MIXED else POINTS_PER_STATE // 2
         for chosen in (state == claim, (state == claim) & border):
             cells = np.flatnonzero(chosen)
             if len(cells):
@@ -116,18 +118,18 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
                 claimed.append(np.full(number, claim))
     q, claims = np.concatenate(drawn), np.concatenate(claimed)
     answers = np.asarray(space.classify(q))
-    # A border belongs to both cells, so the state of the drawn cell and the answer must both be right.
+    # A border belongs to both cells, so the states of the drawn cell and of the query must both be right.
     tally.judge(case, q, claims)
     other = answers != claims
     tally.judge(case, q[other], answers[other])
-    few = PER_STATE // 6
+    few = POINTS_PER_STATE // 6
     anywhere = _anywhere(case, few, 1.5, rng)
     q = np.concatenate([nearly_snapped(space, rng.permutation(q)[:few], rng), anywhere])
     tally.judge(case, q, np.asarray(space.classify(q)))
 
 
 def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check all points of free edges, between random configurations and along the lattice."""
+    """Check all points of free edges."""
     space, dim = case.space, case.space.grid.dim
     starts = space.sample_free(CANDIDATES, rng)
     snapped = rng.random(CANDIDATES) < 0.3
@@ -137,18 +139,18 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     goals = _moved_by(space, starts, np.where(snapped[:, None], lattice, steps), (0.0, 0.05, 0.5, 2.0), rng)
     free = np.flatnonzero(space.motion_is_free(starts, goals))
     few = along(space, starts[free], goals[free], np.linspace(0.0, 1.0, 50), rng)
-    picked = free[pick_close(np.asarray(space.clearance(few)).min(axis=1), TAKEN, rng)]
+    picked = free[pick_close(np.asarray(space.clearance(few)).min(axis=1), FOLLOWED, rng)]
     if not len(picked):
         return
-    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
+    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
     wrong, undecided = not_free_along(case, q)
-    if len(space.rotations.names) < 4:  # an edge on the border of quaternion cells may be proven by the other cell
+    if len(space.rotations.names) < 4:  # the other cell may prove an edge on the border of quaternion cells
         wrong |= ~np.asarray(space.is_free(q))
     tally.add(EDGE, case, q, wrong, undecided)
 
 
 def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check corners and insides of boxes in which ``is_free_around`` calls all configurations free."""
+    """Check corners and insides of boxes proven free by ``is_free_around``."""
     space, dim = case.space, case.space.grid.dim
     distance = space.grid.spacing * float(rng.choice([0.0, 0.5, 1.0, 3.0])) * float(rng.uniform(0.5, 1.5))
     angle = float(rng.choice([0.0, 0.01, 0.1, 1.0, 4.0]) * rng.uniform(0.5, 1.5))
@@ -166,7 +168,7 @@ def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
 
 
 def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check configurations within the clearance of others, at any rotation of the same rotation cell."""
+    """Check configurations within the clearance of others."""
     space, dim = case.space, case.space.grid.dim
     centers = space.sample_free(150, rng)
     far = np.minimum(space.clearance(centers), 100.0 * space.grid.spacing * max(space.grid.shape))
@@ -182,7 +184,7 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
 
 
 def _check_containment(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check configurations at which ``contains_robot`` finds the robot inside the obstacles."""
+    """Check that ``contains_robot`` is True only inside obstacles."""
     space, grid = case.space, case.space.grid
     turns = rotations_of(space, 2000, rng)
     q = np.concatenate([rng.uniform(grid.lower, grid.upper, (2000, grid.dim)), turns], axis=1)
@@ -192,7 +194,7 @@ def _check_containment(tally: Tally, case: Case, rng: Rng) -> None:
 
 
 def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check that no walk proven by the geometry joins configurations that ``is_disconnected`` says are proven apart."""
+    """Check that no proven walk connects configurations that ``is_disconnected``."""
     space, dim = case.space, case.space.grid.dim
     if not _has_geometry(case):
         return
@@ -210,7 +212,7 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
 
 
 def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check points in MIXED cells, and all points of edges, that are free only with ``exact=True``."""
+    """Check points and edges that are free only with ``exact=True``."""
     space, dim = case.space, case.space.grid.dim
     if not _has_geometry(case):
         return
@@ -220,8 +222,8 @@ def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
     known, free = np.asarray(space.is_free(q)), np.asarray(space.is_free(q, exact=True))
     proven, refused = q[free & ~known], q[~free][:EXACT_CANDIDATES]
     tally.add(EXACT_POINT, case, proven, *not_free(case, proven))
-    if space.workspace.source != "mesh" or space.workspace.shapes:  # a filled mesh is known by its cells only
-        tally.add(LOST, case, refused, ~case.meets(refused, space.margin + CLEAR * space.grid.spacing))
+    if space.workspace.source != "mesh" or space.workspace.shapes:  # a filled mesh has only cells
+        tally.add(LOST, case, refused, ~case.meets(refused, space.margin + PROVABLE_CELLS * space.grid.spacing))
     starts = np.concatenate([proven[:EXACT_CANDIDATES], q[known][: EXACT_CANDIDATES // 4]])
     steps = rng.choice([0.0, 0.5, 2.0, 10.0], (len(starts), 1)) * rng.normal(size=(len(starts), dim))
     goals = _moved_by(space, starts, steps, (0.0, 1e-5, 0.05, 0.5, 2.0), rng)
@@ -230,29 +232,29 @@ def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
     if not len(edges):
         return
     few = along(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.size)
-    close = case.meets(few, space.margin + CLOSE * space.grid.spacing).reshape(-1, 11).any(axis=1)
-    picked = edges[pick_close((~close).astype(np.float64), EXACT_TAKEN, rng)]
-    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
+    close = case.meets(few, space.margin + CLOSE_CELLS * space.grid.spacing).reshape(-1, 11).any(axis=1)
+    picked = edges[pick_close((~close).astype(np.float64), EXACT_FOLLOWED, rng)]
+    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
     wrong, undecided = not_free_along(case, q)
-    wrong[:, ::ASKED] |= ~np.asarray(space.is_free(q[:, ::ASKED], exact=True))
+    wrong[:, ::QUERY_STEP] |= ~np.asarray(space.is_free(q[:, ::QUERY_STEP], exact=True))
     tally.add(EXACT_EDGE, case, q, wrong, undecided)
 
 
 def _has_geometry(case: Case) -> bool:
-    """Return False if the robot is known only by the cells that fill it."""
+    """Return False if the robot consists of cells."""
     return getattr(case.space.robot.shape, "solid", "") != "fill"
 
 
 def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
-    """Apply :func:`tests.soak.tally.not_free` to the points of edges, shape (edges, points, size).
+    """Apply :func:`tests.soak.tally.not_free` to points of edges, shape (edges, points, size).
 
-    A group of points is free if the robot at the middle one is farther from the obstacles than any of its points moves
-    within the group. Groups that are not are split, at last into single points.
+    A group of points is free if the robot at its middle is farther from the obstacles than any of its points moves
+    within the group. Other groups are split, at last into single points.
     """
     wrong, undecided = np.zeros((2, *q.shape[:2]), dtype=np.bool_)
     open_ = np.ones(q.shape[:2], dtype=np.bool_)
     dim = case.space.grid.dim
-    for size in GROUPS:
+    for size in GROUP_SIZES:
         groups = q.reshape(len(q), -1, size, q.shape[2])
         near = open_.reshape(groups.shape[:3]).any(axis=2)
         members, middles = groups[near], groups[near][:, size // 2]
@@ -269,7 +271,7 @@ def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
 
 
 def _anywhere(case: Case, number: int, share: float, rng: Rng) -> Floats:
-    """Draw configurations in the grid and around it, up to a share of the robot's reach."""
+    """Draw configurations in and around the grid."""
     space, grid = case.space, case.space.grid
     reach = share * (case.reach + space.margin + grid.spacing)
     places = rng.uniform(np.subtract(grid.lower, reach), np.add(grid.upper, reach), (number, grid.dim))
@@ -277,7 +279,7 @@ def _anywhere(case: Case, number: int, share: float, rng: Rng) -> Floats:
 
 
 def _moved_by(space: CSpace, q: Floats, steps: Floats, sizes: tuple[float, ...], rng: Rng) -> Floats:
-    """Move configurations by steps, in cells, and turn them by angles of random sizes or by half a turn."""
+    """Move configurations by steps and random angles."""
     dim, goals = space.grid.dim, q.copy()
     goals[:, :dim] += space.grid.spacing * steps
     angles = rng.choice(sizes, len(q)) * np.abs(rng.normal(size=len(q)))
@@ -286,7 +288,7 @@ def _moved_by(space: CSpace, q: Floats, steps: Floats, sizes: tuple[float, ...],
 
 
 def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Floats:
-    """Move configurations to the lattice, or next to it, and many to the border of a rotation cell."""
+    """Move configurations onto or near the lattice."""
     grid = space.grid
     near = np.round((q[:, : grid.dim] - grid.lower) / grid.spacing)
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
@@ -303,7 +305,7 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
 
 
 def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> Floats:
-    """Return points of edges, shape (edges, points, size), turned the shorter way, or either way at half a turn."""
+    """Interpolate edges, shape (edges, points, size)."""
     dim = space.grid.dim
     steps = goals - starts
     if len(space.rotations.names) == 1:
@@ -312,14 +314,14 @@ def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> 
     q = starts[:, None] + t[:, None] * steps[:, None]
     if len(space.rotations.names) == 4:
         q[..., dim:] = _slerp(starts[:, dim:], goals[:, dim:], t, rng)
-    # Rounding must not carry a point off the edge's own box, and with it out of the grid.
+    # Rounding must not move a point out of the edge's bounding box, which may end at the grid.
     low, high = np.minimum(starts, goals)[:, None, :dim], np.maximum(starts, goals)[:, None, :dim]
     q[..., :dim] = np.clip(q[..., :dim], low, high)
     return q
 
 
 def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
-    """Draw a configuration in each cell ``(rotation, x, y)``, ``(x, y)`` or ``(x, y, z)``, many on its border."""
+    """Draw a configuration in each cell, many on borders."""
     grid, dim = space.grid, space.grid.dim
     points = grid.lower + grid.spacing * (cells[:, -dim:] + _within(rng, (len(cells), dim)))
     if not space.rotations.names:
@@ -331,7 +333,7 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
 
 
 def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
-    """Return a rotation in each cell, at parts of the way from border to border, shape (n, 3)."""
+    """Return a rotation in each cell, at parts (n, 3)."""
     borders = np.asarray(space.rotations.borders)
     if len(space.rotations.names) == 1:
         return np.asarray(borders[cells] + part[:, 0] * (borders[cells + 1] - borders[cells]))[:, None]
@@ -345,14 +347,14 @@ def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) 
 
 
 def rotations_of(space: CSpace, number: int, rng: Rng) -> Floats:
-    """Draw the last numbers of configurations: none, yaws, or quaternions."""
+    """Draw rotations of configurations: no numbers, yaws, or quaternions."""
     if len(space.rotations.names) == 4:
         return _unit(rng.normal(size=(number, 4)))
     return rng.uniform(-9.0, 9.0, (number, len(space.rotations.names)))
 
 
 def turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:
-    """Turn each rotation by an angle, about any axis that it may turn about."""
+    """Rotate each rotation by an angle."""
     if turns.shape[1] < 4:
         return turns + (angles * rng.choice([-1.0, 1.0], len(turns)))[:, None]
     axes = rng.normal(size=(len(turns), 3))
@@ -376,12 +378,12 @@ def _unit(q: Floats) -> Floats:
 
 
 def _within(rng: Rng, shape: tuple[int, ...]) -> Floats:
-    """Draw positions in cells, from 0 to 1, half of them on a border."""
+    """Draw positions in cells, half on borders."""
     place = rng.choice([0.0, 1.0, np.nan], p=[0.25, 0.25, 0.5], size=shape)
     return np.where(np.isnan(place), rng.random(shape), place)
 
 
 def _state_changes(state: States, dim: int) -> Bools:
-    """Return the cells with a neighbour of another state, across a side, an edge or a corner, at the same rotation."""
+    """Mark cells that touch a cell of another state."""
     size = (1,) * (state.ndim - dim) + (3,) * dim
     return np.asarray(ndimage.maximum_filter(state, size) != ndimage.minimum_filter(state, size))

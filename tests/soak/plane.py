@@ -1,4 +1,4 @@
-"""Random maps in the plane, each with its exact geometry in shapely."""
+"""Random maps in the plane with exact geometry in shapely."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cspace import CSpace, Grid, Robot, Workspace
 from cspace.arrays import Bools, Floats
 from tests.soak.tally import ROUNDING, Case, Rng
 
-SIZES = ((0.2, 2.0), (2.0, 8.0), (2.0, 8.0), (8.0, 40.0))
-"""Ranges of robot sizes, cells."""
+PLANE_ROBOT_SIZES = ((0.2, 2.0), (2.0, 8.0), (2.0, 8.0), (8.0, 40.0))
+"""Ranges of robot sizes in the plane, in cells."""
 
 
 # ---- exact geometry --------------------------------------------------------------------------------------------------
 
 
 def union_of_cells(occupied: Bools, grid: Grid) -> Any:
-    """Return the closed occupied cells as one shapely geometry."""
+    """Unite closed occupied cells in one shapely geometry."""
     steps = np.diff(np.pad(occupied.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     (x, first), stop = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
     lower, spacing = grid.lower, grid.spacing
@@ -32,17 +32,17 @@ def union_of_cells(occupied: Bools, grid: Grid) -> Any:
 
 
 def frame(grid: Grid, width: float) -> Any:
-    """Return the surroundings of a grid up to a width, as one shapely geometry."""
+    """Return the surroundings of a grid, for shapely."""
     inside = shapely.box(*grid.lower, *grid.upper)
     around = shapely.box(*np.subtract(grid.lower, width), *np.add(grid.upper, width))
     return shapely.Polygon(around.exterior, [inside.exterior])
 
 
-def placed(polygon: Any, q: Floats) -> Any:
-    """Return copies of a polygon at configurations, shape (n, 2) or (n, 3)."""
+def place_polygon(polygon: Any, q: Floats) -> Any:
+    """Copy a polygon to configurations (n, 2 or 3)."""
 
     def rings(ring: Any) -> Any:
-        return shapely.linearrings(moved(np.asarray(ring.coords)[:, :2], q))
+        return shapely.linearrings(move_points(np.asarray(ring.coords)[:, :2], q))
 
     if not polygon.interiors:
         return shapely.polygons(rings(polygon.exterior))
@@ -50,8 +50,8 @@ def placed(polygon: Any, q: Floats) -> Any:
     return shapely.polygons(rings(polygon.exterior), holes=holes)
 
 
-def moved(points: Floats, q: Floats) -> Floats:
-    """Move points of the robot, shape (m, 2), to configurations: shape (n, m, 2)."""
+def move_points(points: Floats, q: Floats) -> Floats:
+    """Move points (m, 2) to configurations: shape (n, m, 2)."""
     if q.shape[1] == 2:
         return np.asarray(points[None] + q[:, None])
     cosine, sine = np.cos(q[:, 2])[:, None], np.sin(q[:, 2])[:, None]
@@ -77,41 +77,41 @@ class Shape:
     radii: Floats = field(default_factory=lambda: np.empty(0))
 
     def meets(self, obstacles: Sequence[Any], q: Floats, distance: float | Floats) -> Bools:
-        """Return whether the robot comes within a distance, or one for each configuration, of obstacles."""
+        """Return True where the robot comes within a distance."""
         hit = np.zeros(len(q), dtype=np.bool_)
         for points, radius in self._discs(q):
             for obstacle in obstacles:
                 hit |= shapely.dwithin(obstacle, points, radius + distance)
         for polygon in self.polygons:
-            turned = placed(polygon, q)
+            turned = place_polygon(polygon, q)
             for obstacle in obstacles:
-                # Of a prepared polygon alone, dwithin misses some that cross it (GEOS 3.14).
+                # dwithin of a prepared polygon misses some polygons crossing it (GEOS 3.14).
                 hit |= shapely.intersects(obstacle, turned)
                 if np.any(np.asarray(distance) > 0.0):
                     hit |= shapely.dwithin(obstacle, turned, distance)
         return hit
 
     def lies_in(self, whole: Any, q: Floats, distance: float) -> Bools:
-        """Return whether the robot, grown by a distance, lies in a region."""
+        """Return True where the grown robot lies in a region."""
         inside, border = np.ones(len(q), dtype=np.bool_), whole.boundary
         for points, radius in self._discs(q):
             inside &= shapely.intersects(whole, points)
             inside &= shapely.distance(border, points) >= radius + distance - ROUNDING
         for polygon in self.polygons:
-            turned = placed(polygon, q)
+            turned = place_polygon(polygon, q)
             inside &= shapely.covers(whole, turned) & (shapely.distance(border, turned) >= distance - ROUNDING)
         return inside
 
     @property
     def reach(self) -> float:
-        """Largest distance from the reference point to a point of the robot."""
+        """Largest distance from the reference point to the robot."""
         far = [np.hypot(*shapely.get_coordinates(polygon).T).max() for polygon in self.polygons]
         return float(max([*far, *(np.hypot(*self.centers.T) + self.radii)]))
 
     def _discs(self, q: Floats) -> list[tuple[Any, float]]:
-        """Return the centers of each disc at configurations, and its radius."""
+        """Return centers of each disc at configurations, and its radius."""
         discs = zip(self.centers, self.radii, strict=True)
-        return [(shapely.points(moved(center[None], q)[:, 0]), radius) for center, radius in discs]
+        return [(shapely.points(move_points(center[None], q)[:, 0]), radius) for center, radius in discs]
 
 
 # ---- cases -----------------------------------------------------------------------------------------------------------
@@ -146,17 +146,17 @@ class PlaneCase(Case):
 
 @dataclass(frozen=True)
 class Scale:
-    """Converts random lengths from cells to metres.
+    """Conversion of random lengths from cells to metres.
 
-    Half of all maps have robots and obstacles on the lattice, halfway between its lines, or a tiny length off, because
-    proofs are tight there.
+    In half of all maps, robots and obstacles lie on the lattice, halfway between its lines, or a tiny length off,
+    because proofs are tight there.
 
     Attributes
     ----------
     spacing : float
         Metres.
     snap : float
-        Positions and lengths are multiples of this, in cells; 0 leaves them as they are.
+        Unit of positions and lengths, in cells; 0 rounds nothing.
     nudge : float
         Added to rounded lengths, in cells.
     """
@@ -167,24 +167,24 @@ class Scale:
 
     @classmethod
     def draw(cls, rng: Rng, sizes: tuple[tuple[float, float], ...]) -> tuple[float, Scale]:
-        """Draw the size of a robot, in cells, and a scale."""
+        """Draw a robot size in cells, and a scale."""
         spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
         size, snap = float(rng.uniform(*sizes[rng.integers(len(sizes))])), float(rng.choice([0.0, 0.5]))
         nudge = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, -2.0))
         return size, cls(spacing, snap, nudge)
 
-    def margin(self, rng: Rng, most: float) -> float:
-        """Draw a margin of at most ``most`` cells, in metres; often zero."""
-        drawn = rng.choice([0.0, 0.5, 1.0, rng.uniform(0.0, most)], p=[0.55, 0.1, 0.1, 0.25])
+    def margin(self, rng: Rng, max_cells: float) -> float:
+        """Draw a margin in metres, often zero."""
+        drawn = rng.choice([0.0, 0.5, 1.0, rng.uniform(0.0, max_cells)], p=[0.55, 0.1, 0.1, 0.25])
         return float(drawn * self.spacing)
 
     def corner(self, rng: Rng, dim: int) -> Floats:
-        """Draw the lower corner of a grid: the origin, near it, or far away."""
+        """Draw the lower corner of a grid."""
         far = self.spacing * rng.choice([10.0, 1e5])
         return np.asarray(rng.choice([0.0, 1.0]) * rng.choice([self.spacing * 7.0, 1.0]) * rng.uniform(-far, far, dim))
 
-    def middle(self, rng: Rng, size: float, dim: int) -> Floats:
-        """Draw a robot's middle: at the reference point, near it, or far off."""
+    def center(self, rng: Rng, size: float, dim: int) -> Floats:
+        """Draw the center of a robot."""
         return self.place(rng.choice([0.0, 0.5, 3.0]) * size * rng.uniform(-1.0, 1.0, dim))
 
     def describe(self, space: CSpace, workspace: str, robot: str) -> str:
@@ -197,7 +197,7 @@ class Scale:
         )
 
     def length(self, cells: float) -> float:
-        """Convert one length; the result is above zero."""
+        """Convert one length; the result is positive."""
         rounded = max(round(cells / self.snap), 1) * self.snap + self.nudge if self.snap else cells
         return self.spacing * max(rounded, 1e-3)
 
@@ -212,13 +212,13 @@ class Scale:
 
 
 def draw_case(seed: int, number: int, turning: bool = False) -> PlaneCase:
-    """Draw a case, the same one for the same arguments; successive numbers go through all kinds of robots."""
+    """Draw a case; successive numbers use all kinds of robots."""
     rng = np.random.default_rng([seed, number, 3] if turning else [seed, number])
-    kind = list(ROBOTS)[number % len(ROBOTS)]
-    size, scale = Scale.draw(rng, SIZES)
-    robot, shape = ROBOTS[kind](rng, size, scale)
-    workspace_kind = str(rng.choice(list(WORKSPACES)))
-    workspace, solid = WORKSPACES[workspace_kind](rng, scale)
+    kind = list(PLANE_ROBOTS)[number % len(PLANE_ROBOTS)]
+    size, scale = Scale.draw(rng, PLANE_ROBOT_SIZES)
+    robot, shape = PLANE_ROBOTS[kind](rng, size, scale)
+    workspace_kind = str(rng.choice(list(PLANE_WORKSPACES)))
+    workspace, solid = PLANE_WORKSPACES[workspace_kind](rng, scale)
     outside = str(rng.choice(["blocked", "free"]))
     margin = scale.margin(rng, 3.0)
     rotations = _rotations(rng) if turning else None
@@ -235,14 +235,14 @@ def draw_case(seed: int, number: int, turning: bool = False) -> PlaneCase:
 
 
 def _rotations(rng: Rng) -> int | Floats:
-    """Draw a number of rotation cells, or borders of unequal ones."""
+    """Draw a number of rotation cells, or unequal borders."""
     if rng.random() < 0.75:
         return int(rng.choice([1, 2, 3, 7, 8, 16, 36, 72, 90]))
     widths = rng.uniform(0.1, 1.0, int(rng.integers(2, 50)))
     return np.asarray(rng.uniform(-np.pi, np.pi) + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2.0 * np.pi)
 
 
-# ---- workspaces, each with its exact obstacles -----------------------------------------------------------------------
+# ---- workspaces with exact obstacles ---------------------------------------------------------------------------------
 
 
 def _array(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
@@ -281,64 +281,67 @@ def _polygons(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
         else:
             shapes.append(shapely.Point(middle))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # tiny obstacles, and none within the bounds, are meant here
+        warnings.simplefilter("ignore")  # obstacles may be tiny, or outside the bounds
         workspace = Workspace.from_polygons(shapes, spacing, bounds=(*corner, *(corner + extent)))
     clip = shapely.box(*workspace.grid.lower, *workspace.grid.upper)
     areas = shapely.union_all([shape for shape in shapes if shape.geom_type == "Polygon"])
     thin = [shape for shape in shapes if shape.geom_type != "Polygon"]
     clipped = shapely.intersection([areas, *thin], clip)
-    # Shapely prepares no collections of different types, so these are taken apart.
+    # Split collections of different types, which shapely cannot prepare.
     return workspace, [
         part for each in clipped for part in (each.geoms if each.geom_type == "GeometryCollection" else [each])
     ]
 
 
-WORKSPACES: dict[str, Callable[[Rng, Scale], tuple[Workspace, list[Any]]]] = {"array": _array, "polygons": _polygons}
+PLANE_WORKSPACES: dict[str, Callable[[Rng, Scale], tuple[Workspace, list[Any]]]] = {
+    "array": _array,
+    "polygons": _polygons,
+}
 
 
-# ---- robots, each with its exact shape -------------------------------------------------------------------------------
+# ---- robots with exact shapes ----------------------------------------------------------------------------------------
 
 
 def star(rng: Rng, middle: Floats, reach: float, hole: bool) -> Any:
-    """Draw a polygon that is not convex, with or without a hole."""
+    """Draw a non-convex polygon, with or without a hole."""
     corners = int(rng.integers(5, 12))
     turns = rng.uniform(0, 2 * np.pi) + np.linspace(0, 2 * np.pi, corners, endpoint=False)
     around = np.column_stack([np.cos(turns), np.sin(turns)])
     outer = middle + reach * rng.uniform(0.5, 1.0, (corners, 1)) * around
-    # 0.3 is less than 0.5 cos(pi / 5), the least distance of the outer border from the middle.
+    # 0.3 is less than 0.5 cos(pi / 5), the smallest distance of the outer border from the middle.
     return shapely.Polygon(outer, [middle + rng.uniform(0.05, 0.3) * reach * around] if hole else None)
 
 
 def _disc(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    center, radius = scale.middle(rng, size, 2), scale.length(size / 2)
+    center, radius = scale.center(rng, size, 2), scale.length(size / 2)
     return Robot.disc(radius, center), Shape([], center[None], np.array([radius]))
 
 
 def _discs(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     number = int(rng.integers(2, 6))
-    centers = scale.middle(rng, size, 2) + scale.place(rng.uniform(-size, size, (number, 2)))
+    centers = scale.center(rng, size, 2) + scale.place(rng.uniform(-size, size, (number, 2)))
     radii = scale.lengths(rng.uniform(0.1, 0.6, number) * size)
     return Robot.from_balls(centers, radii), Shape([], centers, radii)
 
 
 def _rectangle(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    sides, middle = scale.lengths(rng.uniform(0.3, 1.2, 2) * size), scale.middle(rng, size, 2)
+    sides, middle = scale.lengths(rng.uniform(0.3, 1.2, 2) * size), scale.center(rng, size, 2)
     return Robot.rectangle(*sides, middle), Shape([shapely.box(*(middle - sides / 2), *(middle + sides / 2))])
 
 
 def _regular(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     turns = rng.uniform(0, 2 * np.pi) + np.linspace(0, 2 * np.pi, int(rng.integers(3, 12)), endpoint=False)
     ring = size / 2 * np.column_stack([np.cos(turns), np.sin(turns)])
-    return _of_polygons([shapely.Polygon(scale.spacing * ring + scale.middle(rng, size, 2))])
+    return _of_polygons([shapely.Polygon(scale.spacing * ring + scale.center(rng, size, 2))])
 
 
 def _holed(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    return _of_polygons([star(rng, scale.middle(rng, size, 2), scale.spacing * size / 2, hole=True)])
+    return _of_polygons([star(rng, scale.center(rng, size, 2), scale.spacing * size / 2, hole=True)])
 
 
 def _parts(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    """Draw several parts, which may lie apart, overlap or touch."""
-    middle = scale.middle(rng, size, 2)
+    """Draw several parts, disjoint, overlapping or touching."""
+    middle = scale.center(rng, size, 2)
     parts = []
     for _ in range(rng.integers(2, 5)):
         place = middle + scale.place(rng.uniform(-size, size, 2))
@@ -357,12 +360,12 @@ def _bitmap(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     bitmap = rng.random(rng.integers(1, 7, 2)) < rng.choice([0.3, 0.7, 1.0])
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
-    lower = scale.middle(rng, size, 2)
+    lower = scale.center(rng, size, 2)
     whole = union_of_cells(bitmap, Grid(lower, side, bitmap.shape))
     return Robot.from_bitmap(bitmap, side, lower), Shape(list(shapely.get_parts(whole)))
 
 
-ROBOTS: dict[str, Callable[[Rng, float, Scale], tuple[Robot, Shape]]] = {
+PLANE_ROBOTS: dict[str, Callable[[Rng, float, Scale], tuple[Robot, Shape]]] = {
     "disc": _disc,
     "discs": _discs,
     "rectangle": _rectangle,

@@ -1,4 +1,4 @@
-"""Exact solids in space: boxes and balls by pencil and paper, triangles by closest points, solid angles and FCL."""
+"""Exact solids in space: boxes, balls and triangles."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tests.oracles import box_gaps, chunks, distance_to_triangles, winds_around
 _FRONT = [[0, 1, 3], [0, 3, 2], [0, 4, 5], [0, 5, 1], [0, 2, 6], [0, 6, 4]]
 _BACK = [[4, 6, 7], [4, 7, 5], [2, 3, 7], [2, 7, 6], [1, 5, 7], [1, 7, 3]]
 SIDES = np.array([*_FRONT, *_BACK])
-"""Triangles of a box, facing outward, as indices ``4 x + 2 y + z`` of its corners."""
+"""Outward triangles of a box, as indices ``4 x + 2 y + z`` of its corners."""
 
 
 def matrix_of(rotation: Floats) -> Floats:
-    """Return the matrix of the last numbers of a configuration: none, a yaw, or a quaternion."""
+    """Return the matrix of a yaw, a quaternion, or nothing."""
     turn = Rotation.from_quat(rotation) if len(rotation) == 4 else Rotation.from_rotvec([0.0, 0.0, rotation.sum()])
     return np.asarray(turn.as_matrix())
 
@@ -37,7 +37,7 @@ def directions(number: int, rng: np.random.Generator) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """A union of boxes along the axes, each grown by a radius; a ball is a box without extent.
+    """A union of aligned boxes, each grown by a radius; a ball is a box without extent.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Blocks:
 
     @classmethod
     def boxes(cls, corners: Any) -> Blocks:
-        """Make boxes from their lower and upper corners, shape (n, 2, 3)."""
+        """Make boxes from corners, shape (n, 2, 3)."""
         low, high = np.moveaxis(np.asarray(corners, dtype=np.float64).reshape(-1, 2, 3), 1, 0)
         return cls(low, high, np.zeros(len(low)))
 
@@ -68,25 +68,25 @@ class Blocks:
         radius = self.radius[:, None]
         return np.array([(self.low - radius).min(axis=0), (self.high + radius).max(axis=0)])
 
-    def moved(self, by: Floats) -> Blocks:
+    def translate(self, by: Floats) -> Blocks:
         return Blocks(self.low + by, self.high + by, self.radius)
 
-    def turned(self, matrix: Floats) -> Blocks | SolidSurface:
-        """Turn about the origin; boxes become triangles."""
+    def rotate(self, matrix: Floats) -> Blocks | SolidSurface:
+        """Rotate about the origin; boxes become triangles."""
         if self.are_balls:
             return Blocks.balls(self.low @ matrix.T, self.radius)
-        return self.skin().turned(matrix)
+        return self.to_surface().rotate(matrix)
 
-    def samples(self, number: int, rng: np.random.Generator) -> Floats:
-        """Draw points of the shape, many of them on its border, shape (number, 3)."""
+    def sample(self, number: int, rng: np.random.Generator) -> Floats:
+        """Draw points of the shape, many on its boundary."""
         chosen = rng.integers(0, len(self.low), number)
         t = rng.choice([0.0, 1.0, np.nan], (number, 3))
         t = np.where(np.isnan(t), rng.random((number, 3)), t)
         away = directions(number, rng) * (rng.choice([1.0, 0.5], number) * self.radius[chosen])[:, None]
         return np.asarray(self.low[chosen] + t * (self.high - self.low)[chosen] + away)
 
-    def skin(self) -> SolidSurface:
-        """Return boxes as triangles."""
+    def to_surface(self) -> SolidSurface:
+        """Convert boxes to triangles."""
         extremes = np.stack([self.low, self.high])
         bits = np.array([[n >> 2 & 1, n >> 1 & 1, n & 1] for n in range(8)])
         corners = np.stack([extremes[bits[:, axis], :, axis] for axis in range(3)], axis=-1)
@@ -97,7 +97,7 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class SolidSurface:
-    """Triangles, and the union of the closed bodies that they bound.
+    """Triangles, and the union of the closed bodies inside.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class SolidSurface:
 
     @classmethod
     def of_bodies(cls, bodies: list[Floats]) -> SolidSurface:
-        """Make a skin from the triangles of each body."""
+        """Unite the triangles of bodies."""
         return cls(np.concatenate(bodies), np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]))
 
     @property
@@ -121,25 +121,25 @@ class SolidSurface:
 
     @cached_property
     def spots(self) -> Floats:
-        """A corner of each body, and of each triangle that bounds none."""
+        """A corner of each body and of each other triangle."""
         first = np.unique(self.body[self.body >= 0], return_index=True)[1]
         closed = self.triangles[self.body >= 0][first, 0]
         return np.concatenate([closed, self.triangles[self.body < 0, 0]])
 
-    def moved(self, by: Floats) -> SolidSurface:
+    def translate(self, by: Floats) -> SolidSurface:
         return SolidSurface(self.triangles + by, self.body)
 
-    def turned(self, matrix: Floats) -> SolidSurface:
-        """Turn about the origin."""
+    def rotate(self, matrix: Floats) -> SolidSurface:
+        """Rotate about the origin."""
         return SolidSurface(self.triangles @ matrix.T, self.body)
 
-    def samples(self, number: int, rng: np.random.Generator) -> Floats:
+    def sample(self, number: int, rng: np.random.Generator) -> Floats:
         """Draw points of the triangles, shape (number, 3)."""
         share = rng.dirichlet((0.5, 0.5, 0.5), number)
         return np.asarray((self.triangles[rng.integers(0, len(self.triangles), number)] * share[..., None]).sum(axis=1))
 
     def encloses(self, points: Floats) -> Bools:
-        """Return whether points lie in a body."""
+        """Return True where points lie in a body."""
         inside = np.zeros(len(points), dtype=np.bool_)
         for body in range(int(self.body.max(initial=-1)) + 1):
             triangles = self.triangles[self.body == body]
@@ -149,11 +149,11 @@ class SolidSurface:
         return inside
 
     def distances(self, points: Floats) -> Floats:
-        """Return distances of points from the solid, zero inside."""
+        """Return distances from points to the solid, zero inside."""
         return np.where(self.encloses(points), 0.0, distance_to_triangles(points, self.triangles))
 
     def model(self) -> Any:
-        """Return the triangles as an object of FCL."""
+        """Convert the triangles to an object of FCL."""
         return solids.surface(self.triangles.reshape(-1, 3), np.arange(3 * len(self.triangles)).reshape(-1, 3))
 
 
@@ -161,12 +161,12 @@ Shape = Blocks | SolidSurface
 
 
 def merged_cells(occupied: Bools) -> Ints:
-    """Merge occupied cells into boxes: first cells and cells after the last, shape (n, 2, 3)."""
+    """Merge cells into boxes (first, stop), shape (n, 2, 3)."""
     steps = np.diff(np.pad(occupied.astype(np.int8), ((0, 0), (0, 0), (1, 1))), axis=2)
     boxes = np.column_stack([np.argwhere(steps > 0), np.argwhere(steps < 0)])
     boxes[:, 3:5] += 1
     for axis in (1, 0):
-        # Boxes that are alike but for this axis, and follow one another along it, become one.
+        # Merge boxes that are equal on the other axes and follow one another along this one.
         others = [column for column in range(6) if column not in (axis, axis + 3)]
         boxes = boxes[np.lexsort([boxes[:, axis], *(boxes[:, column] for column in others)])]
         new = np.ones(len(boxes), dtype=np.bool_)
@@ -183,26 +183,26 @@ def merged_cells(occupied: Bools) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A robot and obstacles; positions ``q`` of the robot have shape (n, 3)."""
+    """A robot and obstacles; robot positions have shape (n, 3)."""
 
     robot: Any
     obstacles: Any
 
     @classmethod
     def of(cls, robot: Shape, obstacles: Shape) -> Pair:
-        """Choose the way to decide a pair of shapes."""
+        """Choose the class for a pair of shapes."""
         if isinstance(robot, Blocks) and isinstance(obstacles, Blocks):
             return BlockPair(robot, obstacles)
         if any(isinstance(shape, Blocks) and shape.are_balls for shape in (robot, obstacles)):
             return BallPair(robot, obstacles)
-        return SkinPair(_as_skin(robot), _as_skin(obstacles))
+        return SurfacePair(_to_surface(robot), _to_surface(obstacles))
 
     def gaps(self, q: Floats) -> Floats:
-        """Return distances of robot and obstacles, shape (n,); zero where they meet."""
+        """Return distances (n,), zero if the shapes meet."""
         raise NotImplementedError
 
     def within(self, q: Floats, distance: Floats) -> Bools:
-        """Return whether they come within a distance, one for each of ``q``."""
+        """Return True where they come within distances, shape (n,)."""
         low, high = self.robot.bounds
         hit = np.zeros(len(q), dtype=np.bool_)
         near = np.flatnonzero(box_gaps(q + low, q + high, *self.obstacles.bounds) <= distance)
@@ -213,8 +213,8 @@ class Pair:
         return np.asarray(self.gaps(q) <= distance)
 
 
-def _as_skin(shape: Shape) -> SolidSurface:
-    return shape.skin() if isinstance(shape, Blocks) else shape
+def _to_surface(shape: Shape) -> SolidSurface:
+    return shape.to_surface() if isinstance(shape, Blocks) else shape
 
 
 class BlockPair(Pair):
@@ -247,12 +247,12 @@ class BallPair(Pair):
         balls_move = isinstance(self.robot, Blocks) and self.robot.are_balls
         balls, others = (self.robot, self.obstacles) if balls_move else (self.obstacles, self.robot)
         points = balls.low[None] + (q if balls_move else -q)[:, None]
-        apart = _as_skin(others).distances(points.reshape(-1, 3)).reshape(points.shape[:2]) - balls.radius
+        apart = _to_surface(others).distances(points.reshape(-1, 3)).reshape(points.shape[:2]) - balls.radius
         return np.asarray(np.maximum(apart.min(axis=1), 0.0))
 
 
-class SkinPair(Pair):
-    """Triangles among triangles: FCL tells whether they meet and how far they are apart."""
+class SurfacePair(Pair):
+    """Triangles among triangles, by FCL."""
 
     @cached_property
     def _models(self) -> tuple[Any, Any]:
@@ -271,7 +271,7 @@ class SkinPair(Pair):
         return hit
 
     def _meet(self, q: Floats) -> Bools:
-        """Return whether surfaces meet, or a piece of one lies in the other."""
+        """Return True where surfaces meet or contain pieces."""
         hit = np.zeros(len(q), dtype=np.bool_)
         low, high = self.robot.bounds
         near = np.flatnonzero(box_gaps(q + low, q + high, *self.obstacles.bounds) <= 0.0)
@@ -279,10 +279,10 @@ class SkinPair(Pair):
         for i in near.tolist():
             moving.setTranslation(q[i])
             hit[i] = solids.meet(fixed, moving)
-        for spots, skin, sign in ((self.robot.spots, self.obstacles, 1.0), (self.obstacles.spots, self.robot, -1.0)):
+        for spots, shape, sign in ((self.robot.spots, self.obstacles, 1.0), (self.obstacles.spots, self.robot, -1.0)):
             left = near[~hit[near]]
             points = spots[None] + sign * q[left, None]
-            hit[left] = skin.encloses(points.reshape(-1, 3)).reshape(points.shape[:2]).any(axis=1)
+            hit[left] = shape.encloses(points.reshape(-1, 3)).reshape(points.shape[:2]).any(axis=1)
         return hit
 
     def _distances(self, q: Floats) -> Floats:
@@ -294,7 +294,7 @@ class SkinPair(Pair):
 
 
 class Walls(Pair):
-    """A robot in a box, given by its lower and upper corner, that it must not leave."""
+    """A robot in a box that it must not leave."""
 
     def gaps(self, q: Floats) -> Floats:
         (low, high), (first, last) = self.robot.bounds, self.obstacles

@@ -1,4 +1,4 @@
-"""Random maps in space, each with its exact geometry."""
+"""Random maps in space with exact geometry."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tests.soak.plane import Scale
 from tests.soak.solids import SIDES, Blocks, Pair, Shape, SolidSurface, Walls, directions, matrix_of, merged_cells
 from tests.soak.tally import Case, Rng
 
-SIZES = ((0.2, 2.0), (2.0, 6.0), (2.0, 6.0), (6.0, 16.0))
-"""Ranges of robot sizes, cells."""
+SPATIAL_ROBOT_SIZES = ((0.2, 2.0), (2.0, 6.0), (2.0, 6.0), (6.0, 16.0))
+"""Ranges of robot sizes in space, in cells."""
 
 DrawnMesh = tuple[Mesh, Shape]
 DrawnWorkspace = tuple[Workspace, Shape | None]
@@ -46,29 +46,29 @@ class SolidCase(Case):
     def meets(self, q: Floats, distance: float | Floats) -> Bools:
         hit, distances = np.zeros(len(q), dtype=np.bool_), np.broadcast_to(distance, len(q))
         positions = q[:, :3] - self._corner
-        # Each turned robot is a shape of its own.
+        # Each rotated robot is another shape.
         groups = [slice(None)] if q.shape[1] == 3 else [slice(k, k + 1) for k in range(len(q))]
         for group in groups:
             fixed = q.shape[1] == 3
-            pairs = self._fixed_pairs if fixed else self._pairs(self.robot.turned(matrix_of(q[group][0, 3:])))
+            pairs = self._fixed_pairs if fixed else self._pairs(self.robot.rotate(matrix_of(q[group][0, 3:])))
             for pair in pairs:
                 hit[group] |= pair.within(positions[group], distances[group])
         return hit
 
     def lies_in(self, q: Floats, rng: Rng) -> Bools:
         """Test random points of the robot, grown by the margin."""
-        points = self.robot.samples(40, rng)
+        points = self.robot.sample(40, rng)
         points += self.space.margin * directions(len(points), rng)
-        turns = [matrix_of(rotation) for rotation in q[:, 3:]]
-        moved = [position + points @ turn.T for position, turn in zip(q[:, :3], turns, strict=True)]
-        held = np.zeros(len(q) * len(points), dtype=np.bool_)
+        matrices = [matrix_of(rotation) for rotation in q[:, 3:]]
+        moved = [position + points @ matrix.T for position, matrix in zip(q[:, :3], matrices, strict=True)]
+        inside = np.zeros(len(q) * len(points), dtype=np.bool_)
         for pair in self._pairs(Blocks.balls(np.zeros((1, 3)), np.zeros(1))):
-            held |= pair.gaps(np.concatenate(moved) - self._corner) <= 1e-9
-        return np.asarray(held.reshape(len(q), -1).all(axis=1))
+            inside |= pair.gaps(np.concatenate(moved) - self._corner) <= 1e-9
+        return np.asarray(inside.reshape(len(q), -1).all(axis=1))
 
     @cached_property
     def _corner(self) -> Floats:
-        """The origin of all computations, so that maps far away lose no digits."""
+        """Origin of computations, so that far maps lose no digits."""
         return np.asarray(self.space.grid.lower)
 
     @cached_property
@@ -81,22 +81,22 @@ class SolidCase(Case):
         if self.space.outside == "blocked":
             pairs.append(Walls(robot, np.array([np.zeros(3), np.subtract(grid.upper, grid.lower)])))
         if self.obstacles is not None:
-            pairs.append(Pair.of(robot, self.obstacles.moved(-self._corner)))
+            pairs.append(Pair.of(robot, self.obstacles.translate(-self._corner)))
         return pairs
 
 
 def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool = False) -> SolidCase:
-    """Draw a case, the same one for the same arguments, of a robot that yaws, turns freely, or does not turn.
+    """Draw a case; successive numbers use all kinds of robots.
 
-    Successive numbers go through all kinds of robots.
+    The robot yaws if ``turning``, rotates about all axes if ``freely``, and otherwise only translates.
     """
     rng = np.random.default_rng([seed, number, 9 if turning else 11 if freely else 7])
-    kind = list(ROBOTS)[number % len(ROBOTS)]
-    size, scale = Scale.draw(rng, SIZES)
-    robot, body = ROBOTS[kind](rng, size, scale)
+    kind = list(SPATIAL_ROBOTS)[number % len(SPATIAL_ROBOTS)]
+    size, scale = Scale.draw(rng, SPATIAL_ROBOT_SIZES)
+    robot, body = SPATIAL_ROBOTS[kind](rng, size, scale)
     outside = str(rng.choice(["blocked", "free"]))
-    workspace_kind = str(rng.choice(list(WORKSPACES)))
-    workspace, obstacles = WORKSPACES[workspace_kind](rng, scale, outside == "blocked")
+    workspace_kind = str(rng.choice(list(SPATIAL_WORKSPACES)))
+    workspace, obstacles = SPATIAL_WORKSPACES[workspace_kind](rng, scale, outside == "blocked")
     margin = scale.margin(rng, 2.0)
     rotations: int | cspace.Rotations | None = int(rng.choice([1, 2, 5, 8, 16, 36])) if turning else None
     if freely:
@@ -107,11 +107,13 @@ def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool 
     return SolidCase(name, made_by, (workspace_kind, kind), space, body, obstacles)
 
 
-# ---- meshes, each with the solid that it stands for ------------------------------------------------------------------
+# ---- meshes with exact solids ----------------------------------------------------------------------------------------
 
 
 def _disturb(rng: Rng, triangles: Floats, flips: str, solid: Solid = "auto") -> Mesh:
-    """Write triangles as files do: in any order and orientation, some twice, some without area.
+    """Shuffle triangles like those of files.
+
+    They may repeat, have no area, or any order and orientation.
 
     ``flips`` is "none", "all" or "some".
     """
@@ -130,34 +132,37 @@ def _disturb(rng: Rng, triangles: Floats, flips: str, solid: Solid = "auto") -> 
 
 
 def _boxes(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
-    """Draw boxes: snapped and oriented alike, or anywhere and oriented at random."""
+    """Draw boxes, aligned or anywhere."""
     number = int(rng.integers(1, 5))
-    alike = bool(rng.random() < 0.6)
+    aligned = bool(rng.random() < 0.6)
     away, sides = rng.uniform(-1.0, 1.0, (number, 3)) * reach, rng.uniform(0.1, 1.5, (number, 3)) * reach
-    if alike:
+    if aligned:
         away, sides = scale.place(away / scale.spacing), scale.lengths(sides / scale.spacing)
     low = middle + away
     blocks = Blocks.boxes(np.stack([low, low + sides], axis=1))
-    return _disturb(rng, blocks.skin().triangles, str(rng.choice(["none", "all"])) if alike else "some"), blocks
+    return _disturb(rng, blocks.to_surface().triangles, str(rng.choice(["none", "all"])) if aligned else "some"), blocks
 
 
 def _opposed_boxes(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
-    """Draw two boxes that face opposite ways: the inner one is a hole, unless neither lies in the other."""
+    """Draw two boxes that face opposite ways.
+
+    One inside the other is a hole.
+    """
     low = middle + rng.uniform(-1.0, 0.0, (2, 3)) * reach
     corners = np.stack([low, low + rng.uniform(0.2, 2.0, (2, 3)) * reach], axis=1)
     if rng.random() < 0.5:
         t = np.sort(rng.uniform(0.02, 0.98, (2, 3)), axis=0)
         corners[1] = corners[0, 0] + t * (corners[0, 1] - corners[0, 0])
-    skin = Blocks.boxes(corners).skin().triangles
+    triangles = Blocks.boxes(corners).to_surface().triangles
     flips = str(rng.choice(["none", "all"]))
-    mesh = _disturb(rng, np.concatenate([skin[:12], skin[12:, ::-1]]), flips)
+    mesh = _disturb(rng, np.concatenate([triangles[:12], triangles[12:, ::-1]]), flips)
     outward, inward = corners if flips == "none" else corners[::-1]
     hollow = bool((outward[0] < inward[0]).all() and (inward[1] < outward[1]).all())
     return mesh, Blocks.boxes(np.array(_hollow_box(outward, inward)) if hollow else corners)
 
 
 def _hollow_box(box: Floats, hole: Floats) -> list[Floats]:
-    """Return boxes whose union is the closure of a box without a hole inside it."""
+    """Split a box with a hole into boxes."""
     pieces, left = [], box.copy()
     for axis in range(3):
         for end in (0, 1):
@@ -168,16 +173,16 @@ def _hollow_box(box: Floats, hole: Floats) -> list[Floats]:
 
 
 def _hulls(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
-    """Draw convex bodies, apart or overlapping, some of them flat."""
+    """Draw convex bodies, disjoint or overlapping, some flat."""
     flat = rng.choice([1.0, 1.0, 0.1, 1e-3])
     single = bool(rng.random() < 0.4)
     bodies = [
         _hull(rng, middle + rng.uniform(-1.0, 1.0, 3) * reach * (not single), reach, scale, flat)
         for _ in range(1 if single else int(rng.integers(2, 4)))
     ]
-    skin = SolidSurface.of_bodies(bodies)
+    surface = SolidSurface.of_bodies(bodies)
     solid: Solid = "fill" if single and flat == 1.0 and rng.random() < 0.3 else "auto"
-    return _disturb(rng, skin.triangles, str(rng.choice(["none", "all", "some"])), solid), skin
+    return _disturb(rng, surface.triangles, str(rng.choice(["none", "all", "some"])), solid), surface
 
 
 def _hull(rng: Rng, middle: Floats, reach: float, scale: Scale, flat: float) -> Floats:
@@ -193,24 +198,24 @@ def _hull(rng: Rng, middle: Floats, reach: float, scale: Scale, flat: float) -> 
     return np.asarray(np.where(outward[:, None, None], triangles, triangles[:, ::-1]))
 
 
-def dented_ball(rng: Rng, most: int) -> Floats:
-    """Draw triangles of a body with dents and spikes around the origin, within 1 m."""
-    ball = trimesh.creation.icosphere(int(rng.integers(0, most)), 1.0)
+def dented_ball(rng: Rng, max_subdivisions: int) -> Floats:
+    """Draw triangles with dents and spikes, within 1 m."""
+    ball = trimesh.creation.icosphere(int(rng.integers(0, max_subdivisions)), 1.0)
     return np.asarray((ball.vertices * rng.uniform(0.3, 1.0, (len(ball.vertices), 1)))[ball.faces])
 
 
 def _stars(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
-    """Draw bodies with dents and spikes, some of them flat."""
+    """Draw bodies with dents and spikes, some flat."""
     bodies = []
     for _ in range(int(rng.integers(1, 3))):
         triangles = dented_ball(rng, 3) @ (directions(3, rng).T * rng.choice([1.0, 1.0, 0.1], 3)) * reach
         bodies.append(middle + rng.uniform(-0.5, 0.5, 3) * reach + triangles)
-    skin = SolidSurface.of_bodies(bodies)
-    return _disturb(rng, skin.triangles, str(rng.choice(["none", "all", "some"]))), skin
+    surface = SolidSurface.of_bodies(bodies)
+    return _disturb(rng, surface.triangles, str(rng.choice(["none", "all", "some"]))), surface
 
 
 def _open_surface(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
-    """Draw triangles that enclose nothing: anywhere, slivers, a crumpled sheet, sides of a box."""
+    """Draw triangles that enclose nothing."""
     style = rng.choice(["soup", "slivers", "sheet", "sides"])
     if style in ("soup", "slivers"):
         corners = rng.uniform(-1.0, 1.0, (int(rng.integers(1, 12)), 3, 3)) * reach
@@ -230,10 +235,10 @@ def _open_surface(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn
     else:
         low = middle + scale.place(rng.uniform(-1.0, 0.0, 3) * reach / scale.spacing)
         sides = scale.lengths(rng.uniform(0.2, 2.0, 3) * reach / scale.spacing)
-        box = Blocks.boxes([low, low + sides]).skin().triangles
+        box = Blocks.boxes([low, low + sides]).to_surface().triangles
         triangles = box[rng.permutation(len(SIDES))[: int(rng.integers(2, 8))]]
-    skin = SolidSurface(triangles, np.full(len(triangles), -1))
-    return _disturb(rng, triangles, "some", "surface"), skin
+    surface = SolidSurface(triangles, np.full(len(triangles), -1))
+    return _disturb(rng, triangles, "some", "surface"), surface
 
 
 MESHES: dict[str, Callable[[Rng, Floats, float, Scale], DrawnMesh]] = {
@@ -245,11 +250,11 @@ MESHES: dict[str, Callable[[Rng, Floats, float, Scale], DrawnMesh]] = {
 }
 
 
-# ---- workspaces, each with its exact obstacles -----------------------------------------------------------------------
+# ---- workspaces with exact obstacles ---------------------------------------------------------------------------------
 
 
 def _bounds(rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floats, cut: bool) -> Floats | None:
-    """Draw bounds: ones that may cut the obstacles, none, or ones around the obstacles."""
+    """Draw bounds that cut or enclose the obstacles."""
     if cut:
         return np.concatenate([corner, corner + extent])
     if rng.random() < 0.5:
@@ -291,29 +296,29 @@ def _balls(rng: Rng, scale: Scale, cut: bool) -> DrawnWorkspace:
     return Workspace.from_balls(centers, radii, scale.spacing, bounds), exact
 
 
-WORKSPACES: dict[str, Callable[[Rng, Scale, bool], DrawnWorkspace]] = {
+SPATIAL_WORKSPACES: dict[str, Callable[[Rng, Scale, bool], DrawnWorkspace]] = {
     **{name: partial(_mesh, name) for name in MESHES},
     "voxels": _voxels,
     "balls": _balls,
 }
 
 
-# ---- robots, each with its exact shape -------------------------------------------------------------------------------
+# ---- robots with exact shapes ----------------------------------------------------------------------------------------
 
 
 def _box_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
-    sides, middle = scale.lengths(rng.uniform(0.3, 1.2, 3) * size), scale.middle(rng, size, 3)
+    sides, middle = scale.lengths(rng.uniform(0.3, 1.2, 3) * size), scale.center(rng, size, 3)
     return Robot.box(sides, middle), Blocks.boxes([middle - sides / 2, middle + sides / 2])
 
 
 def _ball_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
-    center, radius = scale.middle(rng, size, 3), scale.length(size / 2)
+    center, radius = scale.center(rng, size, 3), scale.length(size / 2)
     return Robot.ball(radius, center), Blocks.balls(center[None], np.array([radius]))
 
 
 def _balls_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
     number = int(rng.integers(2, 6))
-    centers = scale.middle(rng, size, 3) + scale.place(rng.uniform(-size, size, (number, 3)) / 2)
+    centers = scale.center(rng, size, 3) + scale.place(rng.uniform(-size, size, (number, 3)) / 2)
     radii = scale.lengths(rng.uniform(0.1, 0.5, number) * size)
     return Robot.from_balls(centers, radii), Blocks.balls(centers, radii)
 
@@ -322,16 +327,16 @@ def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
     bitmap = rng.random(rng.integers(1, 5, 3)) < rng.choice([0.3, 0.7, 1.0])
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
-    lower = scale.middle(rng, size, 3)
+    lower = scale.center(rng, size, 3)
     return Robot.from_bitmap(bitmap, side, lower), Blocks.boxes(lower + side * merged_cells(bitmap))
 
 
 def _mesh_robot(name: str, rng: Rng, size: float, scale: Scale) -> DrawnRobot:
-    mesh, exact = MESHES[name](rng, scale.middle(rng, size, 3), scale.spacing * size / 2, scale)
+    mesh, exact = MESHES[name](rng, scale.center(rng, size, 3), scale.spacing * size / 2, scale)
     return Robot.from_mesh(mesh), exact
 
 
-ROBOTS: dict[str, Callable[[Rng, float, Scale], DrawnRobot]] = {
+SPATIAL_ROBOTS: dict[str, Callable[[Rng, float, Scale], DrawnRobot]] = {
     "box": _box_robot,
     "ball": _ball_robot,
     "balls": _balls_robot,

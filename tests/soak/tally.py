@@ -1,4 +1,4 @@
-"""Random cases with exact geometry, and counts of the answers that were checked against it."""
+"""Random cases, and counts of their checks."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cspace.arrays import Bools, Floats, Ints, States
 Rng = np.random.Generator
 
 ROUNDING = 1e-9
-"""Metres from contact within which neither FREE nor BLOCKED counts as false."""
+"""Distance from contact, in metres, within which no state counts as false."""
 
 SHOWN = 20
-"""False answers that are printed."""
+"""Maximum number of false results printed."""
 
 
 @dataclass(frozen=True)
@@ -44,27 +44,27 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Case(Drawn, ABC):
-    """A map, and the exact geometry of its robot and obstacles."""
+    """A map, and its exact geometry."""
 
     space: CSpace
 
     @property
     @abstractmethod
     def reach(self) -> float:
-        """Upper bound of the distance from the reference point to points of the robot, metres."""
+        """Upper bound of the robot's extent, in metres."""
 
     @abstractmethod
     def meets(self, q: Floats, distance: float | Floats) -> Bools:
-        """Return whether the robot comes within a distance of the obstacles."""
+        """Return True where the robot comes within a distance."""
 
     @abstractmethod
     def lies_in(self, q: Floats, rng: Rng) -> Bools:
-        """Return whether the robot, grown by the margin, lies in the obstacles."""
+        """Return True where the grown robot lies in obstacles."""
 
 
 @dataclass
 class Tally:
-    """Counts of checks, and descriptions of the first false answers."""
+    """Counts of checks, and descriptions of the first false results."""
 
     checks: Counter[str] = field(default_factory=Counter)
     open: Counter[str] = field(default_factory=Counter)
@@ -74,17 +74,17 @@ class Tally:
     verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
     false: list[str] = field(default_factory=list)
 
-    def add(self, what: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools | None = None) -> None:
-        """Count checks at configurations, shape (..., size); ``wrong`` and ``undecided`` have shape (...)."""
-        self.checks[what] += wrong.size
+    def add(self, claim: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools | None = None) -> None:
+        """Count checks at configurations (..., size)."""
+        self.checks[claim] += wrong.size
         self.kinds[case.kind] += wrong.size
-        self.wrong[what] += int(wrong.sum())
-        self.open[what] += 0 if undecided is None else int(undecided.sum())
+        self.wrong[claim] += int(wrong.sum())
+        self.open[claim] += 0 if undecided is None else int(undecided.sum())
         if wrong.any() and len(self.false) < SHOWN:
-            self.false.append(f"{what} at {q[wrong][0].tolist()} of {case.made_by}: {case.name}")
+            self.false.append(f"{claim} at {q[wrong][0].tolist()} of {case.made_by}: {case.name}")
 
     def judge(self, case: Case, q: Floats, states: States) -> None:
-        """Check states of configurations; count how many MIXED ones collide."""
+        """Check states of configurations; count the MIXED ones that collide."""
         free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
         self.add("FREE", case, free, *not_free(case, free))
         apart = ~case.meets(blocked, 0.0)
@@ -95,10 +95,10 @@ class Tally:
         self.mixed["colliding"] += int(case.meets(mixed, 0.0).sum())
 
     def report_to(self, report: Report) -> None:
-        """Report all counts; a false answer makes the run fail."""
-        for what, count in self.checks.items():
-            wrong, undecided = self.wrong[what], self.open[what]
-            report.check(not wrong, f"{what}: {count} checks, {wrong} false, {undecided} too close to tell")
+        """Report all counts; a false result fails the run."""
+        for claim, count in self.checks.items():
+            wrong, undecided = self.wrong[claim], self.open[claim]
+            report.check(not wrong, f"{claim}: {count} checks, {wrong} false, {undecided} too close to tell")
         for axis, label in enumerate(("obstacles", "robots")):
             counts: Counter[str] = Counter()
             for kind, count in self.kinds.items():
@@ -117,20 +117,20 @@ class Tally:
 
 
 def draw_until(
-    report: Report, title: str, seed: int, enough: Callable[[Tally], bool], check: Callable[[Tally, int], None]
+    report: Report, title: str, seed: int, is_enough: Callable[[Tally], bool], check: Callable[[Tally, int], None]
 ) -> Tally:
-    """Check cases 0, 1, 2, ... until a tally has enough, and report it."""
-    tally, began, number = Tally(), time.perf_counter(), 0
-    while not enough(tally):
+    """Check cases until a tally is large enough."""
+    tally, start, number = Tally(), time.perf_counter(), 0
+    while not is_enough(tally):
         check(tally, number)
         number += 1
-    report.section(f"{title}: {number} random cases, seed {seed}, {time.perf_counter() - began:.0f} s")
+    report.section(f"{title}: {number} random cases, seed {seed}, {time.perf_counter() - start:.0f} s")
     tally.report_to(report)
     return tally
 
 
 def not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:
-    """Return where the robot, grown by the margin, collides, and where it is too close to tell."""
+    """Return masks of collisions and of cases too close to tell."""
     margin = case.space.margin
     near = case.meets(q, margin + ROUNDING)
     wrong = near.copy()
@@ -139,7 +139,7 @@ def not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:
 
 
 def pick_close(distances: Floats, number: int, rng: Rng) -> Ints:
-    """Return at most ``number`` indices: one half of the smallest distances, the other half at random."""
+    """Return ``number`` indices, half by smallest distance."""
     order = np.argsort(distances, kind="stable")
     half = number // 2
     return np.concatenate([order[:half], rng.permutation(order[half:])[: number - half]])

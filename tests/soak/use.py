@@ -1,4 +1,4 @@
-"""Maps in use: killed and concurrent saves, threads, child processes, memory growth."""
+"""Maps in use: saves, threads, processes and growth."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from benchmarks.report import Report
 
 KILLS = 50
-LOOKUPS, UPDATES, PLANS = 100_000, 1_000, 200
+QUERIES, UPDATES, PLANS = 100_000, 1_000, 200
 
 BLOCK, PLACE = np.ones((12, 9), dtype=bool), (20, 14)
 
 
 def maps() -> tuple[CSpace, CSpace]:
-    """Return two maps of a turning robot that differ by one block of obstacles."""
+    """Build two maps that differ by one block."""
     cells = np.random.default_rng(0).random((60, 40)) < 0.02
     both = cells.copy()
     both[20:32, 14:23] = True
@@ -42,7 +42,7 @@ def maps() -> tuple[CSpace, CSpace]:
 
 
 def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> None:
-    """Run all checks, with a share of the look-ups, updates and plans."""
+    """Run all checks, with a share of the work."""
     report.section(f"in use: {kills} killed saves, processes, threads, and growth")
     counts = killed_saves(kills, np.random.default_rng(seed))
     report.note(f"{kills} saves were killed: {text_of(counts)}")
@@ -50,31 +50,31 @@ def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> 
     report.check(not torn and counts["whole"] > 0, "no torn map opens")
     counts = saves_to_one_place(3, max(2, kills // 5))
     report.note(f"three processes saved to one place, and one read: {text_of(counts)}")
-    report.check(not counts["torn"] and counts["left whole"] == 1, "what is read is whole, the last one too")
+    report.check(not counts["torn"] and counts["left whole"] == 1, "every map read is whole, the last one too")
     counts = looks_while_updated(3.0 * share)
-    report.note(f"look-ups while another thread updates: {text_of(counts)}")
-    report.check(not counts["false"] and counts["cells"] > 0, "no cell is told FREE that is not, before or after")
+    report.note(f"queries while another thread updates: {text_of(counts)}")
+    report.check(not counts["false"] and counts["cells"] > 0, "no query returns FREE for a cell that never is")
     for method in {"fork", "spawn"} & {*multiprocessing.get_all_start_methods()}:
-        report.check(same_in_a_child(method), f"a map answers alike in a child made by {method}")
+        report.check(same_in_a_child(method), f"a map returns equal results in a child made by {method}")
     for name, growth, handles in grown(share):
         report.note(f"{name}: {growth / 2**20:+.1f} MiB, {handles:+d} handles")
         report.check(growth < 8 * 2**20 and handles <= 0, f"{name} leave nothing behind")
 
 
 def text_of(counts: Counter[str]) -> str:
-    return ", ".join(f"{count} {what}" for what, count in sorted(counts.items()))
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
 
 
 # ---- saves -----------------------------------------------------------------------------------------------------------
 
 
 def killed_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
-    """Count what is found after a process that saves maps in turns is killed."""
+    """Kill saving processes; count the outcomes of opening."""
     counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.zarr"
-        both[0].save(path)  # what it takes is imported once
+        both[0].save(path)  # imports before the fork
         for _ in range(kills):
             child = multiprocessing.get_context("fork").Process(target=_save, args=(both, path, 10**6))
             child.start()
@@ -89,7 +89,7 @@ def killed_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
 
 
 def saves_to_one_place(processes: int, saves: int) -> Counter[str]:
-    """Count what a reader finds while several processes save to one place, and what remains."""
+    """Save by several processes; count outcomes of opening."""
     counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
@@ -111,13 +111,13 @@ def _save(both: tuple[CSpace, CSpace], path: Path, times: int) -> None:
     for number in range(times):
         try:
             both[number % 2].save(path, overwrite=True)
-        except CspaceError:  # another process was there first
+        except CspaceError:  # another process was faster
             continue
 
 
 def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
     try:
-        space = cspace.open(path, in_memory=True)  # half of a map opens in its store alone
+        space = cspace.open(path, in_memory=True)  # reads all parts
     except CspaceError:
         return "refused" if path.exists() else "absent"
     whole = any(
@@ -132,7 +132,7 @@ def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
 
 
 def looks_while_updated(seconds: float) -> Counter[str]:
-    """Count false FREE answers while another thread adds and removes a block."""
+    """Count false FREE results during updates."""
     counts: Counter[str] = Counter()
     one, two = maps()
     block, nothing = two.workspace.outer[20:32, 14:23].copy(), one.workspace.outer[20:32, 14:23].copy()
@@ -141,7 +141,7 @@ def looks_while_updated(seconds: float) -> Counter[str]:
     q = np.concatenate([np.insert(centers, 2, yaw, axis=-1) for yaw in yaws]).reshape(-1, 3)
     never, always = (_each(one, q) != FREE) & (_each(two, q) != FREE), (_each(one, q) == FREE) & (_each(two, q) == FREE)
     stop, space = threading.Event(), two
-    for cells in (nothing, block):  # what it takes is compiled once
+    for cells in (nothing, block):  # compiles before the threads start
         space.update(cells, PLACE)
 
     def look() -> None:
@@ -170,7 +170,7 @@ def _each(space: CSpace, q: Any) -> Any:
 
 
 def same_in_a_child(method: str) -> bool:
-    """Return whether maps answer alike in child processes started while a thread queries them."""
+    """Return True if maps agree in child processes."""
     space = maps()[0]
     expected, stop = _answers(space), threading.Event()
 
@@ -190,7 +190,7 @@ def same_in_a_child(method: str) -> bool:
 
 
 def _child(method: str, space: CSpace) -> tuple[Any, Any]:
-    """Start a process with a map; return it and the pipe for its answers."""
+    """Start a process with a map; return its pipe, too."""
     context = multiprocessing.get_context(method)
     here, there = context.Pipe()
     child = context.Process(target=_send_answers, args=(there, space))
@@ -210,18 +210,18 @@ def _send_answers(pipe: Any, space: CSpace) -> None:
 
 
 def _answers(space: CSpace) -> list[Any]:
-    """Return answers of a copy of a map, before and after an update."""
+    """Return results of a copy before and after an update."""
     import pickle
 
     q = np.random.default_rng(0).uniform((0.0, 0.0, -3.0), (6.0, 4.0, 3.0), (200, 3))
-    answers, own = [], pickle.loads(pickle.dumps(space))
+    answers, copied = [], pickle.loads(pickle.dumps(space))
     for _ in range(2):
-        looks = own.classify(q), own.motion_is_free(q[:100], q[100:]), own.clearance(q)
+        looks = copied.classify(q), copied.motion_is_free(q[:100], q[100:]), copied.clearance(q)
         answers += [
             np.asarray(look).tolist()
-            for look in (*looks, own.is_connected(q[:100], q[100:]), own.is_disconnected(q[:100], q[100:]))
+            for look in (*looks, copied.is_connected(q[:100], q[100:]), copied.is_disconnected(q[:100], q[100:]))
         ]
-        own.update(BLOCK, PLACE)
+        copied.update(BLOCK, PLACE)
     return answers
 
 
@@ -229,7 +229,7 @@ def _answers(space: CSpace) -> list[Any]:
 
 
 def grown(share: float) -> Iterator[tuple[str, int, int]]:
-    """Yield the growth of memory and handles by look-ups, updates and plans, after a warm-up."""
+    """Yield the growth of memory and handles."""
     import planners
 
     space, two = maps()
@@ -254,7 +254,7 @@ def grown(share: float) -> Iterator[tuple[str, int, int]]:
     def plan(number: int) -> None:
         planners.plan(space, start, goal, seed=number % 20, time_limit=1.0)
 
-    for name, work, times in (("look-ups", look, LOOKUPS), ("updates", update, UPDATES), ("plans", plan, PLANS)):
+    for name, work, times in (("queries", look, QUERIES), ("updates", update, UPDATES), ("plans", plan, PLANS)):
         count = max(2, int(times * share))
         for number in range(max(2, count // 5)):
             work(number)

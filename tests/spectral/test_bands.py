@@ -1,4 +1,4 @@
-"""Ring sums and their bounds, pair integrals, and norms: the basis of overlap proofs."""
+"""Ring sums, pair integrals and norms with bounds."""
 
 import itertools
 import math
@@ -30,7 +30,7 @@ DIMS = [2, 3]
     ],
 )
 def test_separate_decides_within_its_bounds(threshold: float, verdict: Verdict, count: int) -> None:
-    """Sum one frequency with the term 1 and one with 0.5, with bounds of the remainder and of rounding."""
+    """Sum two frequencies, with terms 1 and 0.5."""
     bounds = np.array([9.0, 9.0, 8.25 if verdict is Verdict.UNDECIDED and threshold > 2.0 else 0.5])
     rings = np.array([[0, 0], [1, 0]], dtype=np.int16), np.array([0, 1, 2]), np.array([[0, 0], [1, 0]]), np.ones(2)
     known = Terms(np.array([1.0, 0.5], dtype=np.complex128), bounds, *rings)
@@ -40,7 +40,7 @@ def test_separate_decides_within_its_bounds(threshold: float, verdict: Verdict, 
 
 @pytest.mark.parametrize("dim", DIMS)
 def test_bounds_include_the_full_errors_of_spectra(dim: int) -> None:
-    """If every modulus is too small by its full error, the bounds are just sufficient."""
+    """Reduce every modulus by its full error."""
     rings = Rings.of(np.linspace(1.0, 1.5, dim), (4,) * dim)
     rng = np.random.default_rng(0)
     true = rng.uniform(1.0, 2.0, (2, len(rings.indices))) * np.exp(2j * np.pi * rng.random((2, len(rings.indices))))
@@ -76,7 +76,7 @@ def test_bounds_decrease_and_rings_contain_each_frequency_once(dim: int) -> None
 
 
 def test_tail_bounds_the_energy_outside_the_band() -> None:
-    """Use a band of few frequencies, and a spectrum so inaccurate that its energy is uncertain."""
+    """Use few frequencies, and an inaccurate spectrum."""
     balls = BallDescriptor(np.random.default_rng(0).uniform(0.0, 1.0, (6, 2)), np.full(6, 0.1))
     rings = Rings.of(np.full(2, 3.0), (6, 6))
     norm = norm_square(balls)
@@ -94,7 +94,7 @@ def test_tail_bounds_the_energy_outside_the_band() -> None:
 
 
 def sum_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
-    """Sum the integrals of all pairs; return the sum and its error."""
+    """Sum the integrals of all pairs, and their error."""
     gaps = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)
     first, second = np.meshgrid(balls.radii, balls.radii, indexing="ij")
     close = gaps < first + second
@@ -148,7 +148,7 @@ def test_balls_that_touched_exceed_the_threshold(seed: int, dim: int, alpha: flo
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [7.5797625560598335, 88.42775019495995, 950.0])
 def test_touching_overlap_is_accurate_for_steep_bumps(dim: int, alpha: float) -> None:
-    """Coarse quadrature rules may agree by chance if none of them resolves the flank."""
+    """Use flanks at which coarse quadrature agrees by chance."""
     bump = Bump(alpha)
     for radius, swell in itertools.product(np.linspace(0.3, 3.0, 7).tolist(), [0.037, 0.11, 0.6]):
         one, other = (BallDescriptor(np.zeros((1, dim)), np.array([r]), bump) for r in (1.0, radius))
@@ -203,7 +203,7 @@ def test_round_radii_only_grows_or_only_shrinks() -> None:
 
 
 def test_slack_lowers_the_touching_overlap() -> None:
-    """The smallest pair of radii decides, each pair slightly farther apart than it is wide."""
+    """Place each pair slightly farther apart than its radii."""
     bump = Bump(2.0)
     one, other = (BallDescriptor(np.zeros((2, 2)), np.array(radii), bump) for radii in ([0.4, 1.0], [0.7, 2.0]))
     for slack in (0.0, 0.01, 0.05):
@@ -213,7 +213,7 @@ def test_slack_lowers_the_touching_overlap() -> None:
 
 
 def test_norm_square_adds_the_table_error_of_every_pair() -> None:
-    """A steep bump has so many pairs of two radii that they are interpolated between few distances."""
+    """Use many pairs, interpolated between few distances."""
     rng = np.random.default_rng(0)
     balls = BallDescriptor(rng.uniform(0.0, 0.6, (14, 2)), np.full(14, 0.4), Bump(300.0))
     value, error = norm_square(balls)
@@ -228,7 +228,7 @@ def test_norm_square_adds_the_table_error_of_every_pair() -> None:
 
 @pytest.mark.parametrize("alpha", [2.0, 300.0, 3000.0])
 def test_touching_overlap_finds_the_smallest_pair(alpha: float) -> None:
-    """If rules resolve nothing, the pair that seems smallest need not be the smallest."""
+    """Use rules too coarse to find the smallest pair."""
     bump = Bump(alpha)
     rng = np.random.default_rng(0)
     one, other = (BallDescriptor(np.zeros((4, 2)), radii, bump) for radii in rng.uniform(1.0, 1.02, (2, 4)))

@@ -1,4 +1,4 @@
-"""Bump values, radial spectra and pair integrals, against scipy's adaptive quadrature."""
+"""Bump values, radial spectra and pair integrals, against adaptive quadrature."""
 
 import itertools
 import math
@@ -34,7 +34,10 @@ def plain(s, alpha):
 
 
 def reference(alpha, dim, k):
-    """Compute the transform by adaptive quadrature, in log(s) near the cusp of the bump."""
+    """Compute the transform by adaptive quadrature.
+
+    Integrate over log(s) near the cusp of the bump.
+    """
     kernel = j0 if dim == 2 else lambda x: np.sinc(x / math.pi)
     surface = 2.0 * math.pi if dim == 2 else 4.0 * math.pi
 
@@ -98,7 +101,7 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize(("alpha", "most"), [(0.2, 60.0), (40.0, 200.0), (math.inf, 60.0)])
 def test_table_interpolates_the_spectrum(alpha, most, dim):
-    """Every interval of a table is equally accurate, at any frequency; one table is computed in parts."""
+    """Test all intervals of tables, including one computed in parts."""
     bump = Bump(alpha)
     k = np.concatenate([np.random.default_rng(0).uniform(0.0, most, 500), np.arange(0.0, most + 0.5, 0.5), [most]])
     exact = bump.radial_spectrum(k, dim)
@@ -138,7 +141,10 @@ def test_spectrum_converges_to_the_indicator_for_large_alpha(dim):
 
 
 def lens_by_quadrature(a, b, distance, dim):
-    """Integrate slices of the lens across the line of centers, in the depth of each cap, to avoid cancellation."""
+    """Integrate slices by the depth of each cap.
+
+    This avoids cancellation.
+    """
     middle = (distance**2 + a**2 - b**2) / (2.0 * distance)
     total = 0.0
     for radius, height in ((a, a - middle), (b, b - (distance - middle))):

@@ -1,4 +1,4 @@
-"""Balls that fill or cover shapes, against shapely and plain distances to triangles."""
+"""Balls that fill or cover shapes, against shapely."""
 
 import json
 import math
@@ -69,7 +69,7 @@ LOOSE = {"part": 0.08}
 
 
 def make_balls(shape, size, kind, way):
-    """Decompose a shape by number or by tolerance, and check that limit."""
+    """Decompose a shape, and check its limit."""
     options = {"tolerance": way["part"] * size} if "part" in way else way
     balls = decompose(shape, kind=kind, **options)
     if "number" in way:
@@ -85,7 +85,7 @@ def diagonal(shape):
 
 
 def sample_shape(shape, rng, number=4000):
-    """Sample points of a plane shape: its inside, its boundary, and its vertices."""
+    """Sample points inside and on a plane shape."""
     low, high = np.array(shape.bounds).reshape(2, 2)
     points = rng.uniform(low, high, (number, 2))
     border = shapely.boundary(shape)
@@ -98,7 +98,7 @@ def sample_shape(shape, rng, number=4000):
 
 
 def gaps(points, balls):
-    """Return distances from points to a union of balls, negative inside."""
+    """Return distances to balls, negative inside."""
     return (cdist(points, balls.centers) - balls.radii).min(axis=1)
 
 
@@ -269,8 +269,9 @@ def test_decompose_accepts_geojson_wkt_and_vertices(shape):
 
 
 def test_area_bounds_hold_for_nearly_touching_discs():
-    """If circles nearly touch, angles lose digits, but the area changes no faster than the boundary length times the
-    radii.
+    """Test circles whose angles lose digits.
+
+    The area changes at most by the boundary length times the change of radii.
     """
     rng = np.random.default_rng(0)
     for _ in range(30):

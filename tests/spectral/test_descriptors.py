@@ -1,4 +1,4 @@
-"""The algebra of descriptors, against laws of superlevel sets and brute force."""
+"""Algebra of descriptors, against brute force."""
 
 import math
 
@@ -18,7 +18,7 @@ from refusals import refusals
 from strategies import seeds
 
 METHODS = ["fft", "direct"]
-TINY = np.finfo(float).tiny  # positive values stay positive, however small
+TINY = np.finfo(float).tiny  # tiny values stay positive
 
 
 def bitmaps(dim, side=7):
@@ -34,14 +34,14 @@ def on_grid(values, lower=0.0, spacing=0.5):
 
 
 def brute_sum(f, g):
-    """Add the products of all pairs of cells at the sum of their indices."""
+    """Add products of pairs at sums of indices."""
     shape = np.add(f.shape, g.shape) - 1
     places = np.add.outer(*(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g)))
     products = np.multiply.outer(f.ravel(), g.ravel())
     return np.bincount(places.ravel(), products.ravel(), np.prod(shape)).reshape(shape)
 
 
-def dilated(f, g):
+def dilate(f, g):
     """Return the Minkowski sum of cells."""
     return brute_sum(f, g) > 0.0
 
@@ -70,7 +70,7 @@ def test_superlevel_is_strict():
 def test_minkowski_sum_of_indicators_is_the_dilation(method, pair):
     f, g = pair
     result = minkowski_sum(on_grid(f), on_grid(g), method)
-    np.testing.assert_array_equal(superlevel(result), dilated(f, g))
+    np.testing.assert_array_equal(superlevel(result), dilate(f, g))
     # Sums of cells are whole numbers times the measure of a cell, exactly.
     np.testing.assert_array_equal(result.values, brute_sum(f, g) * 0.5**f.ndim)
 
@@ -91,7 +91,7 @@ def test_methods_agree_and_neither_add_nor_lose_cells(dim, seed):
     f, g = (np.where(rng.random(s) < 0.3, 10.0 ** rng.uniform(-250, 3, s), 0.0) for s in ((6,) * dim, (4,) * dim))
     both = [minkowski_sum(on_grid(f), on_grid(g), method) for method in METHODS]
     for result in both:
-        np.testing.assert_array_equal(superlevel(result), dilated(f > 0.0, g > 0.0))
+        np.testing.assert_array_equal(superlevel(result), dilate(f > 0.0, g > 0.0))
         scale = f.max() * g.max() * f.size
         np.testing.assert_allclose(result.values, brute_sum(f, g) * 0.5**dim, rtol=0.0, atol=1e-14 * scale + TINY)
 

@@ -1,4 +1,4 @@
-"""Overlap fields on maps, and plans that use them to stay away from obstacles."""
+"""Overlap fields on maps and in plans."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def overlap_of(robot: Any, obstacles: Any, **options: Any) -> FourierOverlap:
 
 
 def scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
-    """Return a map with a ball below a straight line along x, and a robot of balls that passes it at 0.14 m."""
+    """Build a map with a ball 0.14 m off a course."""
     dim = 3 if kind == "space" else 2
     centers, radii = np.array([OBSTACLE[:dim]]), np.array([RADIUS])
     balls = np.zeros((1 if kind in ("plane", "space") else 2, dim))
@@ -232,7 +232,7 @@ def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
 def arrays_of(
     *names: str, shape: tuple[int, ...] = (3, 2), bad: float = 0.0, kind: type = np.float64
 ) -> dict[str, Any]:
-    """Return arrays of zeros, except one number of the last array."""
+    """Return zeros, except in the last array."""
     arrays = {name: np.zeros(shape, kind) for name in names}
     arrays[names[-1]].flat[-1] = bad
     return arrays
@@ -285,7 +285,7 @@ def endpoints_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def smallest_distance(space: CSpace, plan: planners.Plan) -> float:
-    """Return the distance from the robot's balls to the obstacle along a path, at many samples."""
+    """Return the distance to the obstacle along a path."""
     share, dim, distances = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
     for first, second in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
         step = second - first
@@ -303,7 +303,7 @@ def smallest_distance(space: CSpace, plan: planners.Plan) -> float:
 
 @pytest.mark.parametrize("kind", ["plane", "turning"])
 def test_overlap_objective_keeps_paths_farther_from_obstacles(kind: str) -> None:
-    """The straight line is free and passes the obstacle at 0.14 m; without a weight, the same search finds it."""
+    """Compare with the straight line, found without weight."""
     space, overlap = scene(kind)
     carried = space.with_overlap_field(overlap)
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 200, "seed": 1}
@@ -354,7 +354,7 @@ def test_overlap_objective_refuses_a_map_without_field() -> None:
 
 
 def test_field_supports_rotations_in_space() -> None:
-    """At a cell center and the representative of a rotation cell, the field is the overlap of the rotated balls."""
+    """Compare with rotated balls at cell centers."""
     balls = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.full(2, 0.08)
     obstacles = np.array([[0.5, 0.5, 0.5]]), np.array([0.15])
     workspace = Workspace.from_balls(*obstacles, 0.1, bounds=(0, 0, 0, 1, 1, 1))

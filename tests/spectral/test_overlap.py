@@ -1,4 +1,4 @@
-"""Overlaps from spectra, against pairs of balls, quadrature, shapely and FCL; their verdicts are proofs."""
+"""Overlaps from spectra, against pairs, quadrature and geometry."""
 
 import math
 import sys
@@ -35,7 +35,7 @@ SIDE = {2: 2.0, 3: 0.9}
 
 
 def ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.Generator]:
-    """Return a robot of balls and obstacles, with few radii and arbitrary frames."""
+    """Draw balls with few radii and arbitrary frames."""
     rng = np.random.default_rng(seed)
 
     def balls(number: int, side: float, largest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +46,7 @@ def ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.G
 
 
 def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, float]:
-    """Sum the pair integrals of the balls, by a rule with a measured error."""
+    """Sum pair integrals by a measured rule."""
     gaps = np.linalg.norm(b[0][None, None] - a[0][:, None] - ts[:, None, None], axis=3)
     firsts, seconds = np.broadcast_to(a[1][:, None], gaps.shape), np.broadcast_to(b[1], gaps.shape)
     close = gaps < firsts + seconds
@@ -56,7 +56,7 @@ def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, floa
 
 
 def depth(a: Any, b: Any, ts: np.ndarray) -> np.ndarray:
-    """Return the largest penetration of two balls at placements, negative if all are apart."""
+    """Return the largest penetration of two balls."""
     gaps = np.linalg.norm(b[0][None, None] - a[0][:, None] - ts[:, None, None], axis=3)
     return (a[1][:, None] + b[1] - gaps).max(axis=(1, 2))
 
@@ -224,7 +224,7 @@ def test_verdicts_about_balls_are_right_near_contact(
 
 
 def covered(shape: Any, side: float) -> tuple[Any, Any]:
-    """Return discs around the cells that meet a polygon, and discs inside it."""
+    """Return discs around and inside a polygon."""
     lower, upper = np.array(shape.bounds[:2]) - side, np.array(shape.bounds[2:]) + side
     axes = (np.arange(low, high, side) for low, high in zip(lower, upper, strict=True))
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -293,7 +293,7 @@ def test_separated_never_hits_without_inner_balls() -> None:
 
 @pytest.mark.parametrize("dim", DIMS)
 def test_most_misses_need_few_frequencies(dim: int) -> None:
-    """If nine placements in ten are clear, the median miss takes less than 5 % of the frequencies."""
+    """Expect a median below 5 % for mostly clear placements."""
     rng = np.random.default_rng(2)
     shares: dict[bool, list[float]] = {True: [], False: []}
     for _ in range(4):
@@ -370,7 +370,7 @@ def test_repeated_rotations_keep_the_shape(dim: int) -> None:
 
 
 def test_bound_holds_far_from_the_origin() -> None:
-    """Far from the origin, placements themselves have fewer digits."""
+    """Test placements that have fewer digits."""
     far = 2.0**19
     b = [[far, -far], [far + 0.4, -far]], 0.3
     overlap = FourierOverlap(([[far, far]], 0.3), b, tolerance=1e-12)

@@ -25,7 +25,7 @@ def exact_ring(ring):
 
 
 def contains_exactly(point, polygon):
-    """Return True if a point lies in a closed polygon, in exact arithmetic."""
+    """Return True if a polygon contains a point, exactly."""
     x, y = point
     odd = False
     for ring in (polygon.exterior, *polygon.interiors):
@@ -39,7 +39,10 @@ def contains_exactly(point, polygon):
 
 
 def edges(polygon, point=None):
-    """Yield the edges of a polygon, or of its mirror image moved to a point, exactly."""
+    """Yield exact edges of a polygon or its mirror image.
+
+    The mirror image is moved to a point.
+    """
     for ring in (polygon.exterior, *polygon.interiors):
         corners = exact_ring(ring)
         if point is not None:
@@ -61,7 +64,7 @@ def cross(one, other):
 
 
 def is_sum(point, first, second):
-    """Return True if ``first`` meets ``point - second``, exactly: the point is then a sum of a point of each."""
+    """Return True if ``point`` is in the sum, exactly."""
     mirrored = list(edges(second, point))
     if contains_exactly(mirrored[0][0], first):
         return True
@@ -73,7 +76,7 @@ def is_sum(point, first, second):
 
 @st.composite
 def polygons(draw, numbers=NUMBERS):
-    """Draw a polygon around a center, possibly with a hole; corners may be very close together."""
+    """Draw a polygon, possibly with a hole."""
     count, center = draw(st.integers(3, 7)), (draw(numbers), draw(numbers))
     angles = sorted(draw(st.lists(st.floats(0, 6.28), min_size=count, max_size=count, unique=True)))
     radii = draw(st.lists(st.floats(0.05, 2.0), min_size=count, max_size=count))
@@ -86,7 +89,7 @@ def polygons(draw, numbers=NUMBERS):
 
 @st.composite
 def rectilinear(draw):
-    """Draw a union of boxes on a lattice, so that edges of sums coincide and corners touch."""
+    """Draw boxes on a lattice, so that edges coincide."""
     boxes = draw(st.lists(st.tuples(EIGHTHS, EIGHTHS, EIGHTHS, EIGHTHS), min_size=1, max_size=3))
     ends = [(np.minimum(box[:2], box[2:]), np.maximum(box[:2], box[2:])) for box in boxes]
     return shapely.union_all([shapely.box(*low, *high) for low, high in ends if (low < high).all()])
@@ -97,7 +100,7 @@ def usable(geometry):
 
 
 def check_bounds(first, second, points):
-    """Check both bounds at sums of random points, and at the corners and edge midpoints of the bounds."""
+    """Check both bounds at sums of points."""
     inner, outer = minkowski_sum(first, second)
     assert inner.is_valid and outer.is_valid and outer.geom_type == "Polygon"
     # The outer bound contains the sums of two corners.
@@ -134,7 +137,7 @@ def test_bounds_hold_if_edges_coincide(first, second, points):
 @settings(max_examples=30)
 @given(polygons(), polygons())
 def test_area_agrees_with_clipper(first, second):
-    """Clipper adds the boundaries on a fine lattice; a copy of each polygon fills their interior."""
+    """Sum boundaries by Clipper; copies fill the interior."""
     if not (usable(first) and usable(second)):
         return
     scale, (one, other) = 2**30, [np.array(each.exterior.coords)[:-1] for each in (first, second)]
@@ -142,10 +145,10 @@ def test_area_agrees_with_clipper(first, second):
     parts = [shapely.make_valid(shapely.Polygon(np.array(path) / scale)) for path in paths]
     theirs = shapely.union_all([*parts, shapely.Polygon(one + other[0]), shapely.Polygon(other + one[0])])
     outer = minkowski_sum(shapely.Polygon(one), shapely.Polygon(other)).outer
-    assert filled(outer).symmetric_difference(filled(theirs)).area < 1e-6
+    assert fill_holes(outer).symmetric_difference(fill_holes(theirs)).area < 1e-6
 
 
-def filled(geometry):
+def fill_holes(geometry):
     """Return a geometry without its holes."""
     return shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(geometry)])
 

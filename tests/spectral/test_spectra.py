@@ -37,7 +37,7 @@ def scene(dim, number, classes, seed=0, size=1.0):
 
 
 def lattice(lengths, counts, number=50, seed=1):
-    """Return some positions in a spectrum, including its corners, and their frequencies."""
+    """Draw positions in a spectrum, and their frequencies."""
     rng = np.random.default_rng(seed)
     places = np.concatenate(
         [

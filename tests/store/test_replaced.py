@@ -1,4 +1,4 @@
-"""Readers of a map that is being replaced open the old map or the new one."""
+"""Maps read while they are replaced."""
 
 import multiprocessing
 import time
@@ -38,7 +38,7 @@ def update_again_and_again(path: Path, stop: Any) -> None:
 
 
 def read_beside(writer: Any, path: Path, read: Any) -> set[Any]:
-    """Collect the maps that a reader opens while another process writes."""
+    """Collect maps opened while another process writes."""
     context = multiprocessing.get_context("fork")
     stop = context.Event()
     process = context.Process(target=writer, args=(path, stop))

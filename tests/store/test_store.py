@@ -33,7 +33,7 @@ def space(request: pytest.FixtureRequest) -> cspace.CSpace:
 
 @pytest.fixture(scope="module")
 def few() -> cspace.CSpace:
-    """Build a map of a few cells for a robot that turns, FREE nearly everywhere."""
+    """Build a small map, nearly all FREE."""
     workspace = cspace.Workspace.from_polygons("POLYGON ((0 0, 0.05 0, 0 0.05, 0 0))", 0.1, (0, 0, 0.4, 0.3))
     return cspace.build(workspace, cspace.Robot.rectangle(0.2, 0.1), rotations=4, outside="free")
 
@@ -53,7 +53,7 @@ def pair() -> cspace.CSpace:
 
 
 @st.composite
-def built(draw: st.DrawFn) -> cspace.CSpace:
+def draw_maps(draw: st.DrawFn) -> cspace.CSpace:
     """Draw maps of random cells and robots."""
     outer = draw(bitmaps())
     inner = outer & draw(st.sampled_from([True, False]))
@@ -72,7 +72,7 @@ def built(draw: st.DrawFn) -> cspace.CSpace:
 # ---- what is saved is what opens ---------------------------------------------------------------------------------
 
 
-@given(space=built(), suffix=st.sampled_from(MAP_SUFFIXES))
+@given(space=draw_maps(), suffix=st.sampled_from(MAP_SUFFIXES))
 @settings(max_examples=15)
 def test_a_saved_map_opens_equal(space: cspace.CSpace, suffix: str) -> None:
     with TemporaryDirectory() as folder:

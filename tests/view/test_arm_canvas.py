@@ -1,4 +1,4 @@
-"""The page of an arm, tested through the server: positions of links, colours of states, closest pairs, and plans."""
+"""The page of an arm, tested through the server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cspace.view import Viewer
 from cspace.view.scene import rgb
 from pages import node
 from refusals import refusals
-from urdfs import joint, link, planar, written
+from urdfs import joint, link, planar, pose_at, written
 
 pytest.importorskip("viser")
 pytest.importorskip("yourdfpy")
@@ -26,9 +26,7 @@ START, GOAL = (-0.4, 0.3), (2.0, -0.6)
 
 
 def post(x: float, y: float) -> cspace.arms.PosedShape:
-    pose = np.eye(4)
-    pose[:2, 3] = x, y
-    return cspace.arms.PosedShape(cspace.Robot.cylinder(0.1, 1.0).shape, pose)
+    return cspace.arms.PosedShape(cspace.Robot.cylinder(0.1, 1.0).shape, pose_at(x, y))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +39,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[cspace.Arm
 
 
 def corners(handle: Any) -> Any:
-    """Return the corners of a mesh of the scene at its pose."""
+    """Return the corners of a posed mesh."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_quat(handle.wxyz, scalar_first=True)
@@ -75,7 +73,7 @@ def test_page_shows_the_state_of_the_arm(shown: Any, q: tuple[float, float], tex
     np.testing.assert_allclose(node(viewer, "/contact").points[0], contact.points, atol=1e-6)
 
 
-def test_a_page_shows_plans_and_what_is_proven(shown: Any) -> None:
+def test_page_shows_plans_and_proofs(shown: Any) -> None:
     space, viewer = shown
     page = viewer.page
     assert page.panel.proof.content == "The straight motion is not proven free."

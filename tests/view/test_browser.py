@@ -1,4 +1,4 @@
-"""The page in a real browser: drawing, sliders, planning and proofs."""
+"""The page in a real browser."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
 from cspace.view import Viewer
 from cspace.view.scene import rgb
 from pages import node
-from urdfs import planar
+from urdfs import planar, posed_box
 from waiting import until
 
 pytest.importorskip("viser")
@@ -51,7 +51,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     options.binary_location = program
     for flag in (*FLAGS.split(), f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
         options.add_argument(flag)
-    # Else it opens connections beforehand, and a server that is ended waits for what they never ask.
+    # Without this, it opens connections in advance, and a stopping server waits for their requests.
     options.add_experimental_option("prefs", {"net.network_prediction_options": 2})
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     made = webdriver.Chrome(options=options, service=Service(driver))
@@ -72,14 +72,17 @@ def pixels(browser: Any) -> NDArray[np.int64]:
 
 
 def shares(browser: Any) -> dict[int, float]:
-    """Return the share of the page with the colours of classes of cells."""
+    """Return the share of each colour of cells."""
     page = pixels(browser)
     colors = {number: rgb(CLASSES[number][1]) for number in (UNDECIDED, COLLIDES, OBSTACLE)}
     return {number: float((np.abs(page - color).max(axis=-1) < 12).mean()) for number, color in colors.items()}
 
 
 def green(browser: Any) -> float:
-    """Return the share of the page that is green, like a FREE robot in any light."""
+    """Return the green share of the page.
+
+    A FREE robot is green in any light.
+    """
     red, green, blue = np.moveaxis(pixels(browser), -1, 0)
     return float((green > np.maximum(red, blue) + 3).mean())
 
@@ -97,7 +100,7 @@ def show_robot(browser: Any, label: str, *keys: str) -> None:
 
 @pytest.fixture(scope="module")
 def flat() -> Iterator[tuple[cspace.CSpace, Viewer]]:
-    """Two connected rooms and a closed one, for a robot with a yaw."""
+    """Build two connected rooms and a closed one."""
     occupied = np.zeros((80, 60), dtype=bool)
     occupied[40:42, :25] = occupied[40:42, 46:] = occupied[40:, 46:48] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.8, 0.4), rotations=24)
@@ -105,7 +108,7 @@ def flat() -> Iterator[tuple[cspace.CSpace, Viewer]]:
         yield space, viewer
 
 
-def test_a_page_in_the_plane_is_drawn_moved_and_planned_on(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
     from selenium.webdriver.common.keys import Keys
 
     _, viewer = flat
@@ -116,7 +119,7 @@ def test_a_page_in_the_plane_is_drawn_moved_and_planned_on(browser: Any, flat: t
 
     show_robot(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
     until(lambda: viewer.page.panel.sliders[2].value == 178.0)
-    until(lambda: "yaw 178°, in a rotation cell of 15°" in text(browser))  # as the panel says
+    until(lambda: "yaw 178°, in a rotation cell of 15°" in text(browser))  # the panel counts it
     np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
     assert viewer.page.wait(20.0)
     there = viewer.canvas.stage.section(viewer.canvas.cells.map_blocks(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
@@ -156,16 +159,14 @@ def test_page_loads_nothing_from_other_hosts(browser: Any, flat: tuple[cspace.CS
     assert not said
 
 
-def test_a_page_of_an_arm_is_moved_and_planned_on(browser: Any, tmp_path: Path) -> None:
+def test_page_of_an_arm_moves_and_plans(browser: Any, tmp_path: Path) -> None:
     from selenium.webdriver.common.keys import Keys
 
     pytest.importorskip("yourdfpy")
     arm = cspace.Arm.from_urdf(planar(tmp_path))
-    pose = np.eye(4)
-    pose[:2, 3] = 1.2, 1.2
-    space = cspace.build_arm_space({"post": cspace.arms.PosedShape(cspace.Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
+    space = cspace.build_arm_space({"post": posed_box((0.2, 0.2, 1.0), 1.2, 1.2)}, arm)
     with space.view(block=False, port=0, start=(-0.4, 0.3), goal=(2.0, -0.6)) as viewer:
-        assert viewer.page.wait(60.0)  # what is compiled first is not waited for in the browser
+        assert viewer.page.wait(60.0)  # compile before the browser waits
         browser.get(viewer.url)
         until(lambda: "The straight motion is not proven free." in text(browser))
         before = until(lambda: (seen := green(browser)) > 0.003 and seen)
@@ -174,7 +175,7 @@ def test_a_page_of_an_arm_is_moved_and_planned_on(browser: Any, tmp_path: Path) 
         until(lambda: np.allclose(viewer.canvas.robot, [np.radians(-171.7), 0.3], atol=1e-4))
         viewer.page.move(np.array([np.pi / 4, 0.0]))
         until(lambda: "BLOCKED: proven in collision" in text(browser))
-        until(lambda: green(browser) < 0.3 * before)  # it is light blue now
+        until(lambda: green(browser) < 0.3 * before)  # it is light blue
         viewer.page.panel.time_limit.value = 30.0
         press(browser, "Plan")
         until(lambda: "Path found, certified: every edge is proven free." in text(browser))

@@ -1,4 +1,4 @@
-"""Blocks of cells of maps in memory and tiled maps show the most important class of their cells."""
+"""Blocks, which show the most important class of their cells."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def parts(request: pytest.FixtureRequest) -> tuple[cspace.Workspace, cspace.Robo
 
 
 def brute(classes: Any, part: Part) -> Any:
-    """Return the largest class in each block of a part, block by block."""
+    """Return the largest class in each block."""
     starts = [range(low, high, part.side) for low, high in zip(part.first, part.stop, strict=True)]
     largest = np.empty([len(axis) for axis in starts], dtype=np.uint8)
     for index, corner in zip(np.ndindex(largest.shape), itertools.product(*starts), strict=True):

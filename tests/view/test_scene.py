@@ -1,4 +1,4 @@
-"""Geometry of the page: borders as rectangles, sections at their positions, robots with their volume."""
+"""Geometry of the page: borders, sections and robots."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cspace.view.scene import HIGH_COLOR, KINDS, LOW_COLOR, Stage, extract_borde
 
 
 def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
-    """Return the unit squares of rectangles: axis, sign of the normal, and position."""
+    """Return unit squares as (axis, sign, position)."""
     unit_squares = []
     for one in corners:
         normal = np.cross(one[1] - one[0], one[2] - one[1])
@@ -30,7 +30,7 @@ def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
 
 
 def brute(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, ...]]:
-    """Return the unit squares of the border of cells, cell by cell."""
+    """Return the unit squares of borders of cells."""
     faces = []
     for cell in np.argwhere(solid):
         for axis in range(3):

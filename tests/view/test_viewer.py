@@ -1,4 +1,4 @@
-"""Pages of all kinds of maps, tested through the server: scene, messages and refusals."""
+"""Pages of all kinds of maps, tested through the server."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SPACES = {
 
 
 def room(kind: str) -> cspace.CSpace:
-    """Return the map of a room with a column."""
+    """Build a map of a room with a column."""
     dim, robot, rotations = SPACES[kind]
     occupied = np.zeros((24, 20, 12)[:dim], dtype=bool)
     occupied[11:13, 9:12] = True
@@ -242,7 +242,7 @@ except cspace.MissingPackageError as error:
         ("http://{}", "localhost", True),
         ("http://example.org", "127.0.0.1", False),
         ("http://localhost:1", "localhost", False),
-        ("http://{}", "example.org", False),  # whose owner may let it resolve to 127.0.0.1 temporarily
+        ("http://{}", "example.org", False),  # its owner may resolve it to 127.0.0.1
         ("null", "127.0.0.1", False),
     ],
 )
