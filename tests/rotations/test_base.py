@@ -124,7 +124,7 @@ def test_texts_describe_rotations() -> None:
         == QUATERNION._format_rotation(-np.array(about_z))
         == "turned 11.5° about (0, 0, 1)"
     )
-    assert QUATERNION._format_rotation(np.array([0.0, 0.0, 0.0, -1.0])) == "not to_scipy"
+    assert QUATERNION._format_rotation(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
 
 
 @refusals(
