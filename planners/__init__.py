@@ -31,6 +31,7 @@ from planners.result import Plan as Plan
 from planners.result import Times as Times
 from planners.setup import simple_setup as simple_setup
 from planners.setup import state_space as state_space
+from planners.trajectory import Trajectory as Trajectory
 
 __all__ = [
     "Choices",
@@ -41,6 +42,7 @@ __all__ = [
     "Plan",
     "StateValidityChecker",
     "Times",
+    "Trajectory",
     "WeightedLength",
     "choices",
     "plan",

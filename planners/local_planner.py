@@ -820,16 +820,17 @@ class CarCurves(EdgesOnMap):
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split each curve into pieces of at most ``step`` metres and ``rotation`` radians."""
-        curves = [self._split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
+        curves = [self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
         if not curves:
             return Pieces(np.empty((0, 3)), np.empty(0), np.empty(0))
-        return Pieces(*(np.concatenate(column) for column in zip(*curves, strict=True)))
+        centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
+        return Pieces(centers, lengths, np.abs(rotations))
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
         """Return a path with rows along its curves, and the direction of each row: 1 ahead, -1 in reverse."""
         rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
         for a, b in itertools.pairwise(path):
-            points, _, _, ahead = self._split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
+            points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
             points[:, 2] = wrapped(points[:, 2])
             points[-1] = b
             rows.append(points)
@@ -866,14 +867,14 @@ class CarCurves(EdgesOnMap):
         steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
         return np.asarray(steering, dtype=np.float64), np.asarray(lengths)
 
-    def _split_curve(
+    def split_curve(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
     ) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
         """Split a curve into pieces of at most ``step`` metres and ``rotation`` radians.
 
-        Returns the configuration at ``share`` of each piece (0.5 its center, 1 its end), its metres, its radians, and
-        1 ahead or -1 in reverse. Segments that are only rounding errors are left out, but a curve has at least one
-        piece.
+        Returns the configuration at ``share`` of each piece (0.5 its center, 1 its end), its metres, its signed
+        radians, and 1 ahead or -1 in reverse. Segments that are only rounding errors are left out, but a curve has at
+        least one piece.
         """
         steering, lengths = self._word(first, last)
         metres = self.radius * np.abs(lengths)
@@ -884,7 +885,7 @@ class CarCurves(EdgesOnMap):
         each = (metres / np.maximum(counts, 1))[segment]
         position = (np.cumsum(metres) - metres)[segment] + (index + share) * each
         signs = np.where(lengths < 0.0, -1, 1).astype(np.int8)[segment]
-        return self.points(first, last, position), each, np.abs(steering[segment]) * each / self.radius, signs
+        return self.points(first, last, position), each, steering[segment] * signs * each / self.radius, signs
 
 
 def local_planner(

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import IO, TYPE_CHECKING, Any, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats
-from cspace.check import check_finite, check_positive
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.rotations import Rotations
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
+from planners.trajectory import Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.export.messages import Message
-    from cspace.files.ros import JointTrajectory, Path
+    from cspace.files.ros import Path
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
 
@@ -385,113 +384,65 @@ class Plan:
         from cspace.files.ros import Path
 
         if self._moves_joints:
-            hint = "use to_joint_trajectory()"
+            hint = "use trajectory(...).to_joint_trajectory()"
             raise InputError("plan", f"moves the joints {', '.join(self.axes)}", "a path holds poses", hint)
         self._check_solved("a message holds a path")
-        columns = dict(zip(self.axes, self.path.T, strict=True))
-        zero, one = np.zeros(len(self.path)), np.ones(len(self.path))
-        if "yaw" in columns:
-            columns |= {"qz": np.sin(columns["yaw"] / 2.0), "qw": np.cos(columns["yaw"] / 2.0)}
-        positions = np.stack([columns.get(axis, zero) for axis in ("x", "y", "z")], axis=-1)
-        quaternions = [columns.get(axis, one if axis == "qw" else zero) for axis in ("qx", "qy", "qz", "qw")]
-        return fill_path(positions, np.stack(quaternions, axis=-1), Path() if msg is None else msg, frame_id)
+        return fill_path(self.axes, self.path, Path() if msg is None else msg, frame_id)
 
-    @overload
-    def to_joint_trajectory(
+    def trajectory(
         self,
-        msg: None = None,
         *,
-        velocities: ArrayLike | Mapping[str, float] | None = None,
+        max_velocity: ArrayLike | Mapping[str, float] | None = None,
+        max_acceleration: ArrayLike | Mapping[str, float],
+        max_angular_velocity: float | None = None,
+        max_angular_acceleration: float | None = None,
+        max_lateral_acceleration: float | None = None,
         duration: float | None = None,
-        frame_id: str = "",
-    ) -> JointTrajectory: ...
-    @overload
-    def to_joint_trajectory(
-        self,
-        msg: Message,
-        *,
-        velocities: ArrayLike | Mapping[str, float] | None = None,
-        duration: float | None = None,
-        frame_id: str = "",
-    ) -> Message: ...
-    def to_joint_trajectory(
-        self,
-        msg: Message | None = None,
-        *,
-        velocities: ArrayLike | Mapping[str, float] | None = None,
-        duration: float | None = None,
-        frame_id: str = "",
-    ) -> Message | JointTrajectory:
-        """Return the path of an arm as a ``trajectory_msgs/JointTrajectory`` of ROS.
+        time_step: float = 0.1,
+    ) -> Trajectory:
+        """Return the fastest motion along the path within limits, from rest to rest.
 
-        A plan has no times. They follow from ``velocities`` or from ``duration``, one of which is needed. Both rules
-        start and stop each motion at once: they bound no acceleration. Retime the trajectory before a real arm
-        executes it, without leaving the straight motions between its points, which are what is proven.
+        The robot stays on the proven edges, so it stops at corners, at cusps, and before and after turns on the spot.
+        It does not stop between edges of the same direction, nor between the arcs and straights of a car.
 
         Parameters
         ----------
-        msg : object, optional
-            A message to fill, of ROS 1 or 2: any object with the fields of ``trajectory_msgs/JointTrajectory``. A new
-            :class:`cspace.files.ros.JointTrajectory` if left out.
-        velocities : float, array-like of shape (size,), or mapping of joint names to floats, optional
-            Largest speed of each joint, in rad/s (m/s for a joint that slides), above zero. Each motion between two
-            rows takes as long as its slowest joint needs.
+        max_velocity : float, array-like of shape (k,), or mapping of axes to floats, optional
+            Largest speed: one number for the reference point, or for each joint; or one for each of the axes, without
+            rotations. In m/s, or rad/s. The joints that are not given have the velocity limits of the URDF.
+        max_acceleration : float, array-like of shape (k,), or mapping of axes to floats
+            Largest acceleration along the path, likewise. A URDF has none.
+        max_angular_velocity, max_angular_acceleration : float, optional
+            Of a robot that turns, rad/s and rad/s^2; required except for cars. A car given a largest angular
+            acceleration stops to steer, since its yaw rate cannot jump; by default its steering is instant.
+        max_lateral_acceleration : float, optional
+            Of a car on its arcs, m/s^2; by default ``max_acceleration``.
         duration : float, optional
-            Seconds of the whole path, above zero. Each motion takes a share in proportion to its length in the joints.
-        frame_id : str
-            Frame of the header, whose stamp is kept.
-
-        Returns
-        -------
-        object
-            The message: :attr:`axes` as names of the joints, and one point for each row of :attr:`path`, with positions
-            and ``time_from_start``. Velocities, accelerations and efforts stay empty.
+            Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
+        time_step : float
+            Largest time between rows, seconds. Further rows are where the acceleration changes.
 
         Raises
         ------
         InputError
-            If no path was found, the plan moves no joints, neither or both of ``velocities`` and ``duration`` are
-            given, a number is not above zero, or the message lacks a field.
+            If no path was found; a limit is missing, not above zero, or for another kind of robot; or the limits do not
+            allow the duration.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> trajectory.duration, trajectory.sample(2.0)[0]
+        (5.0, array([1.5, 1.5]))
         """
-        from cspace.export.messages import fill_joint_trajectory
-        from cspace.files.ros import JointTrajectory
-
-        if not self._moves_joints:
-            raise InputError("plan", f"moves {', '.join(self.axes)}", "a trajectory holds joints", "use to_path()")
-        self._check_solved("a message holds a path")
-        seconds = self._seconds(velocities, duration)
-        filled = JointTrajectory() if msg is None else msg
-        return fill_joint_trajectory(self.axes, self.path, seconds, filled, frame_id)
-
-    def _seconds(self, velocities: ArrayLike | Mapping[str, float] | None, duration: float | None) -> Floats:
-        """Return the time of each row of the path, shape (n,), by the rules of :meth:`to_joint_trajectory`."""
-        steps = np.abs(np.diff(self.path, axis=0))
-        if (velocities is None) == (duration is None):
-            problem = "and duration are " + ("left out" if duration is None else "both given")
-            hint = "pass e.g. velocities=1.0, or duration=5.0"
-            raise InputError("velocities", problem, "a plan has no times, and one of the two gives them", hint)
-        if duration is not None:
-            lengths = np.linalg.norm(steps, axis=1)
-            times = (
-                check_positive(duration, "duration", "seconds")
-                * lengths
-                / max(float(lengths.sum()), np.finfo(float).tiny)
-            )
-        else:
-            times = (steps / self._speeds(velocities)).max(axis=1)
-        return np.concatenate([[0.0], np.cumsum(times)])
-
-    def _speeds(self, velocities: ArrayLike | Mapping[str, float] | None) -> Floats:
-        """Return the largest speed of each joint, shape (size,)."""
-        rule = f"it must be one number, or one for each of {', '.join(self.axes)}, above zero"
-        if isinstance(velocities, Mapping):
-            if missing := [joint for joint in self.axes if joint not in velocities]:
-                raise InputError("velocities", f"lacks {', '.join(missing)}", rule, "add them", value=velocities)
-            velocities = [velocities[joint] for joint in self.axes]
-        speeds = check_finite(cast("ArrayLike", velocities), "velocities")
-        if speeds.shape not in ((), (len(self.axes),)) or not (speeds > 0.0).all():
-            raise InputError("velocities", f"is {velocities!r}", rule, "pass rad/s, e.g. 1.0", value=velocities)
-        return np.broadcast_to(speeds, len(self.axes))
+        self._check_solved("a trajectory follows a path")
+        rotation = {"max_angular_velocity": max_angular_velocity, "max_angular_acceleration": max_angular_acceleration}
+        return make_trajectory(
+            self, max_velocity, max_acceleration, rotation, max_lateral_acceleration, duration, time_step
+        )
 
     @property
     def _moves_joints(self) -> bool:
@@ -525,12 +476,7 @@ class Plan:
             names = (*names, "direction")
             rows = [[*q, sign] for q, sign in zip(rows, self.direction.tolist(), strict=True)]
 
-        def write(file: IO[str]) -> None:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(names)
-            writer.writerows(rows)
-
-        _write(path, overwrite, write)
+        write_csv(path, overwrite, names, rows)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write all attributes except the map as JSON; NaN and infinity become null.
@@ -549,7 +495,8 @@ class Plan:
         names = [each.name for each in fields(self) if each.name not in ("space", "_clearance", "_obstacle_distance")]
         names += ["clearance", "obstacle_distance"]
         record = {name: _plain(getattr(self, name)) for name in names}
-        _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))
+        with replacing(path, overwrite) as temporary:
+            temporary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", "utf-8", newline="")
 
 
 def _plain(value: object) -> object:
@@ -567,8 +514,3 @@ def _point(q: Floats) -> str:
 
 def _text(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
-
-
-def _write(path: str | os.PathLike[str], overwrite: bool, write: Callable[[IO[str]], object]) -> None:
-    with replacing(path, overwrite) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        write(file)

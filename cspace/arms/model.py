@@ -68,6 +68,8 @@ class Joint(NamedTuple):
         The joint that it mimics; its own name if none.
     factor, offset : float
         Its position is ``factor * leader + offset``.
+    max_velocity : float
+        Limit of its speed, rad/s or m/s; infinite if the URDF has none, or zero.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Joint(NamedTuple):
     leader: str
     factor: float
     offset: float
+    max_velocity: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,6 +109,9 @@ class Arm:
     chain : Chain
     units : tuple of str
         Units of the joints: "rad", or "m" for prismatic ones.
+    max_velocity : ndarray of float64, shape (dof,)
+        Largest speed of each joint, rad/s or m/s, at which neither it nor a joint that mimics it exceeds the velocity
+        limit of the URDF; infinite if the URDF has none, or zero.
     groups : dict of str to tuple of str
         Joints of each group of the SRDF, in the order of a configuration.
     named_configurations : dict of str to ndarray of float64, shape (dof,), read-only
@@ -124,6 +130,7 @@ class Arm:
     frames: dict[str, Floats]
     chain: Chain
     units: tuple[str, ...]
+    max_velocity: Floats
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
     named_configurations: dict[str, Floats] = field(default_factory=dict)
     end_effectors: dict[str, EndEffector] = field(default_factory=dict)
@@ -352,6 +359,8 @@ def _read_joint(joint: Any, file: str) -> Joint:
         if lower > upper:
             problem, rule = f"are {lower:.12g} and {upper:.12g}", "the lower one must not be above the upper one"
             raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
+    velocity = float(getattr(joint.limit, "velocity", None) or 0.0)
+    max_velocity = velocity if velocity > 0.0 else math.inf
     mimic = joint.mimic
     leader, factor, offset = joint.name, 1.0, 0.0
     if mimic is not None and kind != FIXED:
@@ -359,7 +368,8 @@ def _read_joint(joint: Any, file: str) -> Joint:
         factor = 1.0 if mimic.multiplier is None else float(check_finite(mimic.multiplier, f"{where}: multiplier"))
         offset = 0.0 if mimic.offset is None else float(check_finite(mimic.offset, f"{where}: offset"))
     unit = axis / length if length > 0.0 else axis
-    return Joint(joint.name, kind, joint.parent, joint.child, frame, unit, lower, upper, leader, factor, offset)
+    ends = joint.parent, joint.child
+    return Joint(joint.name, kind, *ends, frame, unit, lower, upper, leader, factor, offset, max_velocity)
 
 
 class _Assembly:
@@ -434,6 +444,7 @@ class _Assembly:
             {name: pose for name, (_, pose) in bodies.items()},
             self._chain(rows),
             tuple("m" if self._joints[name].kind == PRISMATIC else "rad" for name in self._moving),
+            np.array([self._max_velocity(name) for name in self._moving]),
         )
         if srdf is None:
             return replace(arm, allowed_collisions=self._default_allowed(arm))
@@ -472,6 +483,11 @@ class _Assembly:
         scene = make_scene(arm.chain, arm.links, pairs)
         touching = always_touch(scene, draw_configurations(arm._ranges(), 100))
         return allowed | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
+
+    def _max_velocity(self, leader: str) -> float:
+        """Return the largest speed of a joint at which it and the joints that mimic it stay within their limits."""
+        followers = [joint for joint in self._order if joint.leader == leader and joint.factor and joint.kind != FIXED]
+        return min(joint.max_velocity / abs(joint.factor) for joint in followers)
 
     def _fixed_pose(self, joint: Joint) -> Floats:
         """Return the motion of a joint that no configuration moves."""

@@ -5,9 +5,11 @@ A message is any object with the right fields, such as those of :mod:`cspace.fil
 
 from __future__ import annotations
 
+import math
 import re
 from array import array
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -67,45 +69,62 @@ def costmap_of(
     return _fill_grid(filled, "nav2_msgs/Costmap", costs, space.grid, "metadata", fields, frame_id)
 
 
-def fill_path(positions: Floats, quaternions: Floats, msg: Message, frame_id: str) -> Message:
-    """Fill a ``nav_msgs/Path`` with poses.
+def fill_path(axes: Sequence[str], rows: Floats, msg: Message, frame_id: str, seconds: Floats | None = None) -> Message:
+    """Fill a ``nav_msgs/Path`` with the poses of configurations.
 
-    `positions`, shape (n, 3), are in metres; `quaternions`, shape (n, 4), are x, y, z, w. Each pose gets the frame and
-    the stamp of the message.
+    `rows`, shape (n, size), have the columns `axes`. Each pose gets the frame and the stamp of the message, later by
+    its `seconds`, shape (n,).
 
     Raises InputError if the message lacks a field.
     """
     kind = "nav_msgs/Path"
     make, stamp = _element_class(msg, "poses", PoseStamped), getattr(getattr(msg, "header", None), "stamp", None)
     poses = []
-    for position, quaternion in zip(positions.tolist(), quaternions.tolist(), strict=True):
-        fields = {"header.frame_id": frame_id} | ({} if stamp is None else {"header.stamp": stamp})
-        fields |= {f"pose.position.{name}": x for name, x in zip("xyz", position, strict=True)}
-        fields |= {f"pose.orientation.{name}": x for name, x in zip("xyzw", quaternion, strict=True)}
-        poses.append(_set_fields(make(), kind, fields))
+    for k, row in enumerate(rows.tolist()):
+        q = dict(zip(axes, row, strict=True))
+        if "yaw" in q:
+            q |= {"qz": math.sin(q["yaw"] / 2.0), "qw": math.cos(q["yaw"] / 2.0)}
+        pose = _set_fields(make(), kind, {"header.frame_id": frame_id})
+        if stamp is not None:
+            # Each pose needs a stamp of its own, because the times differ.
+            _set_fields(pose, kind, {"header.stamp": stamp if seconds is None else copy(stamp)})
+            if seconds is not None:
+                _add_seconds(pose, kind, "header.stamp", float(seconds[k]))
+        fields = {f"pose.position.{name}": q.get(name, 0.0) for name in "xyz"}
+        fields |= {f"pose.orientation.{name}": q.get(f"q{name}", float(name == "w")) for name in "xyzw"}
+        poses.append(_set_fields(pose, kind, fields))
     return _set_fields(msg, kind, {"header.frame_id": frame_id, "poses": poses})
 
 
 def fill_joint_trajectory(
-    joints: Sequence[str], positions: Floats, seconds: Floats, msg: Message, frame_id: str
+    joints: Sequence[str], positions: Floats, velocities: Floats, seconds: Floats, msg: Message, frame_id: str
 ) -> Message:
-    """Fill a ``trajectory_msgs/JointTrajectory`` with timed positions.
+    """Fill a ``trajectory_msgs/JointTrajectory`` with timed positions and velocities.
 
-    `positions` has shape (n, dof); `seconds` from the start has shape (n,).
+    `positions` and `velocities` have shape (n, dof); `seconds` from the start has shape (n,).
 
     Raises InputError if the message lacks a field.
     """
     kind = "trajectory_msgs/JointTrajectory"
     make = _element_class(msg, "points", JointTrajectoryPoint)
     points = []
-    for row, time in zip(positions.tolist(), seconds.tolist(), strict=True):
-        whole, nanoseconds = divmod(round(time * 1e9), 10**9)
-        point = make()
-        # A duration of ROS 1 has other names for the same fields.
-        names = ("secs", "nsecs") if hasattr(getattr(point, "time_from_start", None), "secs") else ("sec", "nanosec")
-        times = {f"time_from_start.{name}": n for name, n in zip(names, (whole, nanoseconds), strict=True)}
-        points.append(_set_fields(point, kind, {"positions": array("d", row), **times}))
+    for position, velocity, time in zip(positions.tolist(), velocities.tolist(), seconds.tolist(), strict=True):
+        point = _set_fields(make(), kind, {"positions": array("d", position), "velocities": array("d", velocity)})
+        _add_seconds(point, kind, "time_from_start", time)
+        points.append(point)
     return _set_fields(msg, kind, {"header.frame_id": frame_id, "joint_names": list(joints), "points": points})
+
+
+def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
+    """Add seconds to a time of a message, given by a dotted path, rounded to nanoseconds."""
+    time: object = msg
+    for part in name.split("."):
+        time = getattr(time, part, None)
+    # A time of ROS 1 has other names for the same fields.
+    names = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
+    whole, fraction = (getattr(time, part, 0) for part in names)
+    parts = divmod(10**9 * whole + fraction + round(1e9 * seconds), 10**9)
+    _set_fields(msg, kind, {f"{name}.{part}": value for part, value in zip(names, parts, strict=True)})
 
 
 def costs_of(

@@ -41,7 +41,7 @@ GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {
 _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1},
+    "limit": {"lower": 1, "upper": 1, "velocity": 1},
     "mimic": {"multiplier": 1, "offset": 1},
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},

@@ -22,12 +22,12 @@ from cspace.view.scene import HIGH_COLOR, LOW_COLOR
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
-    from planners import Choices, Plan
+    from planners import Choices, Plan, Trajectory
 
 LOGGER: Final = logging.getLogger(__name__)
 
 PLAY_SECONDS: Final = 8.0
-"""Duration of playing a path, seconds."""
+"""Duration of playing a path without times, seconds."""
 MAX_FRAME_RATE: Final = 25.0
 """Maximum number of frames per second when a path is played."""
 REST_FACTOR: Final = 2.0
@@ -63,7 +63,7 @@ class Panel:
     proof, answer : GuiMarkdownHandle
         Proof about start and goal; result of the last search, or an error.
     share : GuiSliderHandle of float
-        Position of the robot on the path, percent of its length.
+        Position of the robot on the path, percent of its length, or of the duration of a trajectory.
     play : GuiButtonHandle
     sliders : list of GuiSliderHandle of float
         Robot's coordinates, one for each of :attr:`Canvas.dials`.
@@ -182,6 +182,8 @@ class Page:
     canvas : Canvas
     path : ndarray of float64, shape (n, size)
         Path to show; n is 0 without a path.
+    motion : planners.Trajectory, optional
+        Motion along the path, which is then played at true speed.
 
     Attributes
     ----------
@@ -193,10 +195,12 @@ class Page:
         Result of the last search.
     """
 
-    def __init__(self, server: ViserServer, space: Any, canvas: Canvas, path: Floats) -> None:
+    def __init__(
+        self, server: ViserServer, space: Any, canvas: Canvas, path: Floats, motion: Trajectory | None = None
+    ) -> None:
         self._server, self._space, self._canvas = server, space, canvas
         self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
-        self._path, self._proves = path, canvas.is_quick
+        self._path, self._motion, self._proves = path, motion, canvas.is_quick
         self._playing = threading.Event()
         tasks = canvas.draw, self._describe, self._prove, self._search, self._play
         self._workers = [Worker(task, self._report_error) for task in tasks]
@@ -205,7 +209,7 @@ class Page:
         self._connect()
         for name, q in canvas.endpoints.items():
             self.mark(name, q)
-        self._show_path(path)
+        self._show_path(path, motion)
         self.move(canvas.endpoints["start"])
         server.on_client_connect(self._follow_camera)
 
@@ -246,8 +250,11 @@ class Page:
         self._describer.request()
 
     def go(self, share: float) -> None:
-        """Move the robot to a share, from 0 to 1, of the path's length."""
-        self.move(self._canvas.interpolate(self._path, np.array([share]))[0])
+        """Move the robot to a share, from 0 to 1, of the path's length, or of a trajectory's duration."""
+        if self._motion is not None:
+            self.move(self._motion.sample(share * self._motion.duration)[0])
+        else:
+            self.move(self._canvas.interpolate(self._path, np.array([share]))[0])
 
     def mark(self, name: str, q: Floats) -> None:
         """Move the start or the goal to a configuration."""
@@ -272,7 +279,7 @@ class Page:
         self._planner.request()
 
     def play(self) -> None:
-        """Move the robot along the path, from its current position."""
+        """Move the robot along the path, from its current position; at true speed along a trajectory."""
         self._playing.set()
         self._player.request()
 
@@ -335,10 +342,11 @@ class Page:
         panel = self.panel
         panel.play.label = "Stop"
         share = panel.share.value / 100.0 if panel.share.value < 100.0 else 0.0
-        began = time.perf_counter() - share * PLAY_SECONDS
+        seconds = PLAY_SECONDS if self._motion is None else max(self._motion.duration, 1.0 / MAX_FRAME_RATE)
+        began = time.perf_counter() - share * seconds
         try:
             while self._playing.is_set() and share < 1.0 and len(self._path):
-                share = min(1.0, (time.perf_counter() - began) / PLAY_SECONDS)
+                share = min(1.0, (time.perf_counter() - began) / seconds)
                 panel.share.value = round(100.0 * share, 1)
                 self.go(share)
                 sent = time.perf_counter()
@@ -357,10 +365,10 @@ class Page:
             with suppress(RuntimeError, TimeoutError):
                 client.local_storage.get_item("", MAX_WAIT_SECONDS)
 
-    def _show_path(self, path: Floats) -> None:
+    def _show_path(self, path: Floats, motion: Trajectory | None = None) -> None:
         """Show a path, from its start."""
         self._playing.clear()
-        self._path = path
+        self._path, self._motion = path, motion
         max_distance = self._canvas.draw_path(path)
         self.panel.reset_path(max_distance if len(path) else None)
 

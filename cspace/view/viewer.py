@@ -96,7 +96,8 @@ class Viewer:
         self._closed = threading.Event()
         try:
             self.canvas = canvas(self.server, points, marks)
-            self.page = Page(self.server, space, self.canvas, points)
+            motion: Any = path if hasattr(path, "sample") else None
+            self.page = Page(self.server, space, self.canvas, points, motion)
         except BaseException:
             stop(self.server)
             raise

@@ -27,6 +27,7 @@ from shapely import affinity
 
 import cspace
 import cspace.arms
+import planners
 from cspace.spectral import minkowski_sum
 
 FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
@@ -49,6 +50,7 @@ def draw_all(folder: Path) -> None:
             draw_window,
             draw_hull_tree,
             draw_joint_map,
+            draw_trajectory,
             draw_house,
         ):
             figure = draw()
@@ -194,6 +196,31 @@ def draw_window() -> Figure:
         Patch(facecolor="none", edgecolor=PATH, linewidth=2.2, label="the box that was asked for"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
+    return figure
+
+
+def draw_trajectory() -> Figure:
+    """Draw the paths of a differential drive and of a car around a wall, and their speed over time."""
+    occupied = np.zeros((160, 100), dtype=bool)
+    occupied[78:82, :70] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.9, 0.6), rotations=36)
+    limits: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 0.5, "max_angular_velocity": 1.0}
+    figure, axes = plt.subplots(2, 2, figsize=(9.6, 4.9), width_ratios=[2, 5], layout="constrained")
+    drives: list[tuple[str, dict[str, float], dict[str, float]]] = [
+        ("differential", {}, {"max_angular_acceleration": 1.0}),
+        ("reeds-shepp", {"turning_radius": 1.2}, {}),
+    ]
+    for (left, right), (drive, options, further) in zip(axes, drives, strict=True):
+        start, goal = (2.0, 2.0, 0.0), (14.0, 2.0, 0.0)
+        plan = planners.plan(space, start, goal, drive=drive, time_limit=5.0, seed=1, **options)
+        trajectory = plan.trajectory(**limits, **further)
+        left.imshow(occupied.T, origin="lower", extent=(0, 16, 0, 10), cmap=ListedColormap([FREE, OBSTACLE]))
+        left.plot(*trajectory.positions[:, :2].T, color=PATH, linewidth=1.8)
+        rests = trajectory.positions[~trajectory.velocities.any(axis=1)]
+        left.plot(*rests[:, :2].T, ".", color=PATH, markersize=8.0)
+        left.set(title=f'drive="{drive}"', xlabel="x [m]", ylabel="y [m]")
+        trajectory.plot(right)
+        right.set_title(f"{trajectory.duration:.1f} s; purple: speed, green: angular speed; dots: stops")
     return figure
 
 

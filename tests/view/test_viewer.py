@@ -290,6 +290,29 @@ def test_play_skips_frames_for_slow_browsers(served: Viewer, monkeypatch: pytest
     assert len(shares) == 2  # one frame and its pause take longer than the path
 
 
+def test_trajectories_are_played_at_true_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    import planners
+
+    space = room("R2")
+    plan = planners.plan(space, (0.5, 0.5), (2.0, 0.5))
+    trajectory = plan.trajectory(max_velocity=2.0, max_acceleration=8.0)
+    with space.view(path=trajectory, block=False, port=0) as viewer:
+        viewer.page.go(0.3)
+        np.testing.assert_allclose(viewer.canvas.robot, trajectory.sample(0.3 * trajectory.duration)[0])
+        frames: list[tuple[float, float]] = []
+        monkeypatch.setattr(viewer.page, "go", lambda share: frames.append((time.perf_counter(), share)))
+        viewer.page.play()
+        until(lambda: frames and frames[-1][1] == 1.0)
+        (began, first), (ended, last) = frames[0], frames[-1]
+        assert ended - began >= 0.99 * (last - first) * trajectory.duration
+        assert ended - began < 4.0  # a path without times takes 8 s
+        viewer.page._show_path(plan.path)
+        viewer.page.panel.share.value = 0.0
+        monkeypatch.undo()
+        viewer.page.go(0.3)  # a share of the length again
+        np.testing.assert_allclose(viewer.canvas.robot, plan.path[0] + 0.3 * (plan.path[-1] - plan.path[0]), atol=1e-9)
+
+
 @pytest.fixture(scope="module")
 def served() -> Iterator[Viewer]:
     with room("R2").view(block=False, port=0, start=(0.5, 0.5), goal=(2.0, 0.5)) as viewer:

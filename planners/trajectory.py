@@ -1,0 +1,467 @@
+"""Trajectories: the times at which a robot passes the configurations of a planned path."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.arms.space import ArmSpace
+from cspace.arrays import Bools, Floats, Ints, frozen
+from cspace.check import check_finite, check_positive
+from cspace.errors import InputError
+from cspace.files.access import replacing
+from cspace.rotations import Rotations
+from cspace.rotations.base import wrapped
+from cspace.rotations.quaternion import multiply
+from planners.local_planner import CURVES, CarCurves
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from cspace.export.messages import Message
+    from cspace.files.ros import JointTrajectory, Path
+    from planners.result import Plan
+
+MAX_DIRECTION_STEP: Final = {False: 1e-9, True: 1e-6}
+"""Largest change of direction without a stop, by whether edges are curves: rounding on straight edges, and
+:data:`planners.car_curves.MAX_GAP` where curves meet."""
+
+MIN_SEGMENT_LENGTH: Final = 1e-12
+"""Length, in metres and radians, below which edges are skipped, because rounding decides their direction."""
+
+MAX_ROWS: Final = 10**6
+"""Largest number of rows of a trajectory."""
+
+MIN_PHASE_SHARE: Final = 1e-12
+"""Share of the duration below which phases are rounding errors, and left out."""
+
+CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#262626", "#e69f00")
+"""Colours of the curves of a plot, most of Okabe and Ito (2008)."""
+
+
+class Segments(NamedTuple):
+    """Straight parts of a path, or a car's arcs and straights.
+
+    ``starts``, shape (m, size), are configurations; ``rates``, shape (m, k), translation and rotation vector there, or
+    motion of the joints, per unit of length. ``lengths`` and ``curvatures``, shape (m,), are metres of a car, and
+    radians per metre by which it turns left; otherwise norms of the whole rates, and zero.
+    """
+
+    starts: Floats
+    rates: Floats
+    lengths: Floats
+    curvatures: Floats
+
+
+class Phases(NamedTuple):
+    """Parts of a motion with constant acceleration, each on one segment; the last one is rest at the goal.
+
+    ``times``, shape (p,), are seconds at which they start. ``positions``, ``speeds`` and ``accelerations`` are the
+    length along the segment then, and its derivatives by time.
+    """
+
+    times: Floats
+    segments: Ints
+    positions: Floats
+    speeds: Floats
+    accelerations: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Trajectory:
+    """A planned path with times, from rest to rest; :meth:`planners.Plan.trajectory` makes it.
+
+    Attributes
+    ----------
+    times : ndarray of float64, shape (n,), read-only
+        Seconds from the start, increasing.
+    positions : ndarray of float64, shape (n, size), read-only
+        Configurations. Yaw is in [-pi, pi). Quaternions never jump to their negative, so their sign may differ from
+        that in the plan.
+    velocities, accelerations : ndarray of float64, shape (n, size), read-only
+        First and second derivative of the positions by time. Accelerations jump; each is that just after its time.
+    axes, units : tuple of str
+        Names and units of the columns, as of the plan.
+    """
+
+    times: Floats
+    positions: Floats
+    velocities: Floats
+    accelerations: Floats
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    _moves_joints: bool
+    _rotations: Rotations
+    _segments: Segments
+    _phases: Phases
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to goal."""
+        return float(self.times[-1])
+
+    @property
+    def path(self) -> Floats:
+        """The positions, which pictures draw as a path."""
+        return self.positions
+
+    def __repr__(self) -> str:
+        """Return the duration and the number of rows."""
+        return f"Trajectory({self.duration:.3f} s, {len(self.times)} rows of {', '.join(self.axes)})"
+
+    def sample(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return positions, velocities and accelerations at any times, without interpolating the rows.
+
+        Parameters
+        ----------
+        t : array-like, shape (...)
+            Seconds. The robot rests before the start and after the end.
+
+        Returns
+        -------
+        tuple of three ndarray of float64, shape (..., size)
+
+        Raises
+        ------
+        InputError
+            If a time is not finite.
+        """
+        times = check_finite(t, "t")
+        rows = _evaluate(self._segments, self._phases, self._rotations, times.reshape(-1))
+        positions, velocities, accelerations = (each.reshape(*times.shape, len(self.axes)) for each in rows)
+        return positions, velocities, accelerations
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw speed and angular speed over time, or the velocity of each joint.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            By default of a new figure without a window. A second unit gets an axis on the right.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from cspace.plot.artists import legend_below, new_figure
+
+        segments, phases = self._segments, self._phases
+        ends = phases.speeds[:-1] + np.diff(phases.times) * phases.accelerations[:-1]
+        times = np.column_stack([phases.times[:-1], phases.times[1:]]).ravel()
+        speeds = np.column_stack([phases.speeds[:-1], ends]).ravel()
+        rates = speeds[:, np.newaxis] * np.repeat(segments.rates[phases.segments[:-1]], 2, axis=0)
+        names, units, curves = self.axes, self.units, list(rates.T)
+        if not self._moves_joints:
+            dim = len(self.axes) - len(self._rotations.names)
+            names, units = ("speed", "angular speed")[: 1 + bool(self._rotations.names)], ("m", "rad")
+            curves = [np.linalg.norm(part, axis=1) for part in (rates[:, :dim], rates[:, dim:])]
+        left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
+        left.set_xlabel("time (s)")
+        sides: dict[str, Axes] = {}
+        handles: list[Any] = []
+        for name, unit, curve, color in zip(names, units, curves, itertools.cycle(CURVE_COLORS), strict=False):
+            if unit not in sides:
+                sides[unit] = left.twinx() if sides else left
+                sides[unit].set_ylabel(f"{'velocity' if self._moves_joints else name} ({unit}/s)")
+            handles += sides[unit].plot(times, curve, color=color, linewidth=1.6, label=name)
+        if ax is None:
+            legend_below(cast("Figure", left.figure), handles)
+        return left
+
+    @overload
+    def to_path(self, msg: None = None, *, frame_id: str = "map") -> Path: ...
+    @overload
+    def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
+    def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
+        """Return the rows as a ``nav_msgs/Path`` of ROS; each pose is stamped with the message's stamp plus its time.
+
+        Parameters, result and errors are those of :meth:`planners.Plan.to_path`.
+        """
+        from cspace.export.messages import fill_path
+        from cspace.files.ros import Path
+
+        if self._moves_joints:
+            problem = f"moves the joints {', '.join(self.axes)}"
+            raise InputError("trajectory", problem, "a path holds poses", "use to_joint_trajectory()")
+        return fill_path(self.axes, self.positions, Path() if msg is None else msg, frame_id, self.times)
+
+    @overload
+    def to_joint_trajectory(self, msg: None = None, *, frame_id: str = "") -> JointTrajectory: ...
+    @overload
+    def to_joint_trajectory(self, msg: Message, *, frame_id: str = "") -> Message: ...
+    def to_joint_trajectory(self, msg: Message | None = None, *, frame_id: str = "") -> Message | JointTrajectory:
+        """Return the trajectory of an arm as a ``trajectory_msgs/JointTrajectory`` of ROS.
+
+        Each row becomes a point with positions, velocities and ``time_from_start``. Controllers join such points by
+        cubic polynomials, which are this very motion. With accelerations they would use quintic ones, which are not.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message to fill, of ROS 1 or 2: any object with the fields of ``trajectory_msgs/JointTrajectory``. A new
+            :class:`cspace.files.ros.JointTrajectory` if left out.
+        frame_id : str
+            Frame of the header, whose stamp is kept.
+
+        Raises
+        ------
+        InputError
+            If the plan moves no joints, or the message lacks a field.
+        """
+        from cspace.export.messages import fill_joint_trajectory
+        from cspace.files.ros import JointTrajectory
+
+        if not self._moves_joints:
+            problem, rule = f"moves {', '.join(self.axes)}", "a joint trajectory holds joints"
+            raise InputError("trajectory", problem, rule, "use to_path()")
+        filled = JointTrajectory() if msg is None else msg
+        return fill_joint_trajectory(self.axes, self.positions, self.velocities, self.times, filled, frame_id)
+
+    def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the rows as CSV, in full precision: time, the axes, and their velocities, e.g. ``x_velocity``.
+
+        Parameters and errors are those of :meth:`planners.Plan.to_csv`.
+        """
+        names = ("time", *self.axes, *(f"{axis}_velocity" for axis in self.axes))
+        write_csv(path, overwrite, names, np.column_stack([self.times, self.positions, self.velocities]).tolist())
+
+
+def write_csv(
+    path: str | os.PathLike[str], overwrite: bool, names: Sequence[str], rows: Iterable[Sequence[float]]
+) -> None:
+    """Write rows of numbers below a row of names, as CSV; raise FileError as :meth:`planners.Plan.to_csv`."""
+    with replacing(path, overwrite) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(rows)
+
+
+def make_trajectory(
+    plan: Plan,
+    velocity: ArrayLike | Mapping[str, float] | None,
+    acceleration: ArrayLike | Mapping[str, float],
+    rotation: Mapping[str, float | None],
+    max_lateral_acceleration: float | None,
+    duration: float | None,
+    time_step: float,
+) -> Trajectory:
+    """Make the fastest trajectory of a plan; see :meth:`planners.Plan.trajectory`.
+
+    ``rotation`` holds the limits of angular velocity and angular acceleration, by name.
+    """
+    joints, is_curved, axes = plan._moves_joints, plan.drive in CURVES, plan.axes
+    rotations = Rotations.of(None)
+    if not joints and {"yaw", "qw"} & set(axes):
+        rotations = Rotations.quaternions(1) if "qw" in axes else Rotations.of(1)
+    dim, rotates = len(axes) - len(rotations.names), bool(rotations.names)
+    arm = plan.space.arm if isinstance(plan.space, ArmSpace) else None
+    known = {} if arm is None else dict(zip(arm.joints, arm.max_velocity.tolist(), strict=True))
+    linear = (
+        _check_limits(velocity, "max_velocity", axes[:dim], known, joints),
+        _check_limits(acceleration, "max_acceleration", axes[:dim], {}, joints),
+    )
+    angular = [_check_option(value, name, rotates, rotates and not is_curved) for name, value in rotation.items()]
+    lateral = _check_option(max_lateral_acceleration, "max_lateral_acceleration", is_curved, False)
+    for name, limit in zip(("max_velocity", "max_acceleration"), linear, strict=True):
+        if is_curved and limit.ndim:
+            raise InputError(name, "differs by axis", "a car turns", "pass one number", value=limit)
+    segments = _split_curves(plan) if is_curved else _split_edges(plan, rotations)
+    limits = (_largest_rates(segments.rates, dim, *each) for each in zip(linear, angular, strict=True))
+    speeds, accelerations = limits
+    if is_curved:
+        with np.errstate(divide="ignore"):
+            sideways = (linear[1] if lateral is None else lateral) / np.abs(segments.curvatures)
+        speeds = np.minimum(speeds, np.sqrt(sideways))
+    # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a limit.
+    compared = dim if is_curved and angular[1] is None else None
+    ends = _turn(segments.rates, segments.curvatures * segments.lengths)[:-1, :compared]
+    jumps = np.abs(ends - segments.rates[1:, :compared]).max(axis=1, initial=0.0)
+    phases = _find_phases(segments.lengths, speeds, accelerations, jumps <= MAX_DIRECTION_STEP[is_curved])
+    phases = _stretch(phases, duration)
+    times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
+    rows = _evaluate(segments, phases, rotations, times)
+    positions, velocities, accelerations = map(frozen, rows)
+    units = plan.units
+    return Trajectory(
+        frozen(times), positions, velocities, accelerations, axes, units, joints, rotations, segments, phases
+    )
+
+
+def _check_limits(
+    value: ArrayLike | Mapping[str, float] | None,
+    name: str,
+    axes: Sequence[str],
+    known: Mapping[str, float],
+    joints: bool,
+) -> Floats:
+    """Return the limits of the axes, shape (k,), or of a whole translation, shape (); ``known`` are defaults."""
+    rule = f"it must be one number, or one for each of {', '.join(axes)}"
+    if value is None or isinstance(value, Mapping):
+        given = {axis: limit for axis, limit in known.items() if limit < np.inf} | dict(value or {})
+        if missing := [axis for axis in axes if axis not in given]:
+            raise InputError(name, f"lacks {', '.join(missing)}", rule, f"pass {name}=1.0, or a mapping", value=value)
+        value = [given[axis] for axis in axes]
+    limits = check_finite(value, name)
+    if limits.shape not in ((), (len(axes),)):
+        raise InputError(name, f"has shape {limits.shape}", rule, "pass e.g. 1.0", value=value)
+    limits = np.reshape(
+        [check_positive(limit, name, "metres, radians, seconds") for limit in limits.ravel().tolist()], limits.shape
+    )
+    return np.broadcast_to(limits, len(axes)) if joints else limits
+
+
+def _check_option(value: float | None, name: str, is_allowed: bool, is_needed: bool) -> float | None:
+    """Return a limit that only some robots have, or None."""
+    if value is None and is_needed:
+        raise InputError(name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0")
+    if value is not None and not is_allowed:
+        raise InputError(name, f"is {value!r}", "the robot does not turn so", "leave it out", value=value)
+    return None if value is None else check_positive(value, name, "metres, radians, seconds")
+
+
+def _split_edges(plan: Plan, rotations: Rotations) -> Segments:
+    """Return the straight edges of a plan."""
+    starts = plan.waypoints.copy()
+    if "qw" in rotations.names:
+        # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
+        cosines = (starts[:-1, -4:] * starts[1:, -4:]).sum(axis=1)
+        starts[:, -4:] *= np.cumprod([1.0, *np.where(cosines < 0.0, -1.0, 1.0)])[:, np.newaxis]
+    steps = rotations._steps_between(starts[:-1], starts[1:])
+    return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
+
+
+def _split_curves(plan: Plan) -> Segments:
+    """Return the arcs and straights of a car's plan."""
+    curves = CarCurves(cast("Any", plan.space), False, plan.drive, plan.turning_radius)
+    empty = np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int8)
+    pieces = [empty] + [curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(plan.waypoints)]
+    starts, lengths, radians, signs = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    metres = signs * lengths
+    steps = np.column_stack([metres * np.cos(starts[:, 2]), metres * np.sin(starts[:, 2]), radians])
+    return _make_segments(np.concatenate([starts, plan.waypoints[-1:]]), steps, lengths, radians)
+
+
+def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
+    """Return the segments between points, shape (m + 1, size), without those that are too short.
+
+    ``steps``, shape (m, k), are the lengths times the rates; ``radians`` are those of the direction of motion.
+    """
+    kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
+    if not len(kept):  # a plan without motion becomes a segment without length
+        return Segments(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), np.zeros(1))
+    steps, lengths, radians = steps[kept], lengths[kept], radians[kept]
+    return Segments(points[kept], steps / lengths[:, np.newaxis], lengths, radians / lengths)
+
+
+def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
+    """Return the largest rate of the length on each segment at which no limit is exceeded, shape (m,)."""
+    parts = [np.abs(rates[:, :dim]) if linear.ndim else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)]
+    limits = [np.atleast_1d(linear)]
+    if angular is not None:
+        parts.append(np.linalg.norm(rates[:, dim:], axis=1, keepdims=True))
+        limits.append(np.array([angular]))
+    with np.errstate(divide="ignore"):
+        return np.asarray((np.concatenate(limits) / np.concatenate(parts, axis=1)).min(axis=1))
+
+
+def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
+    """Return the fastest motion along segments, from rest to rest.
+
+    Each segment has a largest speed and acceleration, shape (m,). ``passes``, shape (m - 1,), says where no stop is
+    needed between two segments. The square of the speed changes by at most twice the acceleration per length; so a pass
+    ahead and a pass back bound it where segments meet, and on each segment the robot accelerates, moves at the largest
+    speed if it can reach that, and decelerates (Bobrow, Dubowsky and Gibson, 1985; exact, as the limits are constant).
+    """
+    caps, gains = speeds**2, 2.0 * accelerations * lengths
+    squares = np.zeros(len(lengths) + 1)
+    squares[1:-1] = np.where(passes, np.minimum(caps[:-1], caps[1:]), 0.0)
+    for k in range(len(lengths)):
+        squares[k + 1] = min(squares[k + 1], squares[k] + gains[k])
+    for k in reversed(range(len(lengths))):
+        squares[k] = min(squares[k], squares[k + 1] + gains[k])
+    before, after = squares[:-1], squares[1:]
+    # Rounding must not put the peak below the speed at an end.
+    peaks = np.maximum(np.minimum(caps, 0.5 * (before + after + gains)), np.maximum(before, after))
+    up, down = (peaks - before) / (2.0 * accelerations), (peaks - after) / (2.0 * accelerations)
+    first, last, peak = np.sqrt(before), np.sqrt(after), np.sqrt(peaks)
+    cruise = np.where(peaks < caps, 0.0, np.maximum(lengths - up - down, 0.0))
+    spans = np.column_stack([(peak - first) / accelerations, cruise / speeds, (peak - last) / accelerations]).ravel()
+    used = spans > MIN_PHASE_SHARE * spans.sum()
+    columns = (
+        np.repeat(np.arange(len(lengths)), 3),
+        np.column_stack([np.zeros(len(lengths)), up, lengths - down]).ravel(),
+        np.column_stack([first, peak, peak]).ravel(),
+        np.column_stack([accelerations, np.zeros(len(lengths)), -accelerations]).ravel(),
+    )
+    rest = (len(lengths) - 1, lengths[-1], 0.0, 0.0)
+    segments, *others = (np.append(column[used], end) for column, end in zip(columns, rest, strict=True))
+    return Phases(np.cumsum([0.0, *spans[used]]), segments, *others)
+
+
+def _stretch(phases: Phases, duration: float | None) -> Phases:
+    """Slow a motion down evenly, so that it takes ``duration`` seconds."""
+    total = float(phases.times[-1])
+    if duration is None or total == 0.0:
+        return phases
+    factor = check_positive(duration, "duration", "seconds") / total
+    if factor < 1.0 - 1e-9:
+        hint = "raise it, or the limits"
+        raise InputError("duration", f"is {duration!r}", f"the limits need {total:.6g} s", hint, value=duration)
+    times, speeds, accelerations = phases.times * factor, phases.speeds / factor, phases.accelerations / factor**2
+    return phases._replace(times=times, speeds=speeds, accelerations=accelerations)
+
+
+def _row_times(phases: Phases, time_step: float) -> Floats:
+    """Return the times of the rows: at the start of each phase, and between at most ``time_step`` seconds apart."""
+    counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
+    if counts.sum() >= MAX_ROWS:
+        rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"
+        raise InputError("time_step", f"is {time_step:g}", rule, "raise it, or the limits", value=time_step)
+    pairs = zip(*(column.tolist() for column in (phases.times[:-1], phases.times[1:], counts)), strict=True)
+    return np.array([*(t for a, b, n in pairs for t in np.linspace(a, b, int(n), endpoint=False)), phases.times[-1]])
+
+
+def _evaluate(segments: Segments, phases: Phases, rotations: Rotations, t: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return positions, velocities and accelerations at times of shape (n,)."""
+    k = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
+    elapsed = np.maximum(t - phases.times[k], 0.0)
+    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[k])
+    speed = phases.speeds[k] + acceleration * elapsed
+    length = phases.positions[k] + elapsed * (phases.speeds[k] + 0.5 * acceleration * elapsed)
+    rates, curvatures = segments.rates[phases.segments[k]], segments.curvatures[phases.segments[k]]
+    half = 0.5 * curvatures * length
+    steps = _turn(rates, half) * length[:, np.newaxis]
+    steps[:, :2] *= np.sinc(half / np.pi)[:, np.newaxis]  # the chord of an arc, over the arc
+    positions = rotations._add_steps(segments.starts[phases.segments[k]], steps)
+    directions = _turn(rates, 2.0 * half)
+    velocities, accelerations = directions * speed[:, np.newaxis], directions * acceleration[:, np.newaxis]
+    if curvatures.any():
+        sideways = np.column_stack([-directions[:, 1], directions[:, 0]])
+        accelerations[:, :2] += (speed**2 * curvatures)[:, np.newaxis] * sideways
+    if rotations.names == ("yaw",):
+        positions[:, -1] = wrapped(positions[:, -1])
+    if "qw" in rotations.names:
+        # The derivative of a quaternion is its product with half the angular velocity, in the robot's frame.
+        q, halves, more = positions[:, -4:], 0.5 * velocities[:, -3:], 0.5 * accelerations[:, -3:]
+        first = multiply(q, np.column_stack([halves, np.zeros(len(q))]))
+        second = multiply(q, np.column_stack([more, -(halves**2).sum(axis=1)]))
+        velocities = np.column_stack([velocities[:, :-3], first])
+        accelerations = np.column_stack([accelerations[:, :-3], second])
+    return positions, velocities, accelerations
+
+
+def _turn(rates: Floats, angles: Floats) -> Floats:
+    """Return rates whose first two components, x and y, are turned left by angles, shape (m,)."""
+    turned = rates.copy()
+    if angles.any():
+        cos, sin, (x, y) = np.cos(angles), np.sin(angles), rates[:, :2].T
+        turned[:, 0], turned[:, 1] = cos * x - sin * y, sin * x + cos * y
+    return turned
