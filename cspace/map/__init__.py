@@ -1,1 +1,1 @@
-"""Queries of a map: points, edges, overlaps, and sets of configurations, over one record."""
+"""Queries of a map over one record."""

@@ -1,4 +1,4 @@
-"""Backends of a map: storage of its cells, and execution of kernels over them."""
+"""Backends of a map, which store cells and run kernels."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class Backend(Protocol):
         """
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` on a consistent state of the map and return its result."""
+        """Run ``work`` on a consistent state of the map."""
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryBackend:
-    """Cells in memory, in a byte or in two bits each; axes may be periodic.
+    """Cells in memory, in bytes or in two bits.
 
     Attributes
     ----------

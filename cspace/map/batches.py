@@ -1,4 +1,4 @@
-"""Batches of configurations: one or many in, a scalar or an array out."""
+"""Batches of configurations, and single ones."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def evaluate_batch(
     name: str = "q",
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> ReturnType | NDArray[ScalarType]:
-    """Evaluate a query on one configuration or on a batch.
+    """Evaluate a query on one configuration or many.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def evaluate_edges(
     query_for: Callable[[int], Query],
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> bool | Bools:
-    """Evaluate a query on straight edges between two batches that broadcast.
+    """Evaluate a query on straight edges between two batches.
 
     ``query_for(n)`` returns a query for n edges. Raises InputError as :func:`evaluate_batch` does.
     """
@@ -122,7 +122,7 @@ def evaluate_edges(
 
 
 def evaluate_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
-    """Evaluate a query on edges, shape (m, 2), between vertices, shape (n, d).
+    """Evaluate a query on edges (m, 2) of vertices (n, d).
 
     Raises InputError, with the index of the edge, if a vertex is not usable.
     """
@@ -134,7 +134,7 @@ def evaluate_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
 
 
 def in_spatial_order(query: Query, lower: Sequence[float], upper: Sequence[float]) -> Query:
-    """Wrap a query so that it processes large batches in spatial order.
+    """Wrap a query to process batches in spatial order.
 
     The box from ``lower`` to ``upper`` is divided into parts, whose configurations, or starts of edges, are processed
     together. Configurations outside belong to the nearest part.
@@ -145,7 +145,7 @@ def in_spatial_order(query: Query, lower: Sequence[float], upper: Sequence[float
 def _fill_in_order(
     query: Query, lower: Sequence[float], upper: Sequence[float], parts: Sequence[NDArray[Any]], out: NDArray[Any]
 ) -> int:
-    """Fill ``out`` by a query whose rows are sorted by position."""
+    """Fill ``out`` by a query on sorted rows."""
     if len(out) < ROWS_PER_COPY:
         return query(parts, out)
     side = int(2 ** (16 / len(lower)))
@@ -163,7 +163,7 @@ def _fill_in_order(
 
 
 class _SelectedRows:
-    """Rows of an array by their indices; a slice of them is copied when read."""
+    """Rows of an array by index, copied slice by slice."""
 
     def __init__(self, rows: Floats, indices: Ints) -> None:
         self._rows, self._indices = rows, indices
@@ -176,17 +176,23 @@ class _SelectedRows:
 
 
 def as_points(q: ArrayLike, name: str, size: int) -> Floats:
-    """Return ``q`` as float64 with its last axis checked; kernels check for finite values."""
+    """Return ``q`` as float64 with a checked last axis.
+
+    Kernels check for finite values.
+    """
     return np.asarray(check_rows(q, name, size), dtype=np.float64)
 
 
 def in_threaded_chunks(kernel: Kernel, min_items: int = MIN_ITEMS_PER_THREAD) -> Query:
-    """Return the query of a compiled kernel, in threads of ``min_items`` rows or more."""
+    """Return the query of a kernel, run in threads.
+
+    Each thread gets at least ``min_items`` rows.
+    """
     return partial(_fill_in_chunks, kernel, min_items)
 
 
 def _fill_in_chunks(kernel: Kernel, min_items: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Fill ``out`` by a kernel in threads; return the first unusable row, or -1."""
+    """Fill ``out`` in threads; return the first unusable row, or -1."""
     if len(out) <= min(min_items, ROWS_PER_COPY):
         return int(kernel(*(as_contiguous(part) for part in parts), out))
     ready = all(
@@ -207,13 +213,16 @@ def _fill_in_chunks(kernel: Kernel, min_items: int, parts: Sequence[Any], out: N
 
 
 def as_contiguous(rows: NDArray[Any]) -> Floats:
-    """Return rows as a contiguous, writeable float64 array, the only type kernels accept."""
+    """Return rows as a contiguous, writeable float64 array.
+
+    Kernels accept no other type.
+    """
     floats = np.ascontiguousarray(rows, dtype=np.float64)
     return floats if floats.flags.writeable else floats.copy()
 
 
 def _unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
-    """Return the error for an unusable configuration or edge of a batch."""
+    """Return the error for an unusable row of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
     hint = "correct or remove such configurations first"
     return InputError(name, f"number {index} is {numbers}", Rotations._all_limits(), hint, value=numbers)

@@ -1,4 +1,4 @@
-"""Callbacks on single floats, called a million times: one compiled call, no arrays, no errors.
+"""Callbacks on single floats, without arrays or errors.
 
 NaN, infinity and unusable rotations are not FREE, because such a position is in no cell.
 """
@@ -29,7 +29,7 @@ def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
 
 
 def callback(query: Any, size: int, nogil: bool = True) -> Callable[..., Any]:
-    """Return ``call(*q)``, the method ``evaluate`` of a record on a configuration's floats."""
+    """Return ``evaluate`` of a record as ``call(*q)``."""
     return bind_kernel(_compiled(_OF_ONE[size], nogil), (query,), size)
 
 
@@ -51,7 +51,7 @@ class Edge(NamedTuple):
     map_: Map
 
     def evaluate_edge(self, q0: Numbers, q1: Numbers) -> bool:
-        """Return True if both configurations are usable and the edge is FREE."""
+        """Return True if both ends are usable and the edge is FREE."""
         rotations = self.map_.rotations
         return rotations.is_usable(q0) and rotations.is_usable(q1) and edge_is_free(self.map_, None, q0, q1)
 
@@ -77,7 +77,7 @@ _OF_TWO: Final[dict[int, Any]] = {
 
 @cache
 def _compiled(written: FunctionType, nogil: bool) -> Any:
-    """Compile one of these functions, under a name that numba caches it by."""
+    """Compile a function under a name for numba's cache."""
     named = FunctionType(written.__code__, written.__globals__)
     named.__qualname__ = f"spread_{'without' if nogil else 'with'}_lock"
     return jit(named, _nrt=False, nogil=nogil)

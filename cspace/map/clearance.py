@@ -67,7 +67,7 @@ CLEARANCE_ROUNDING: Final = 2.0**-40
 
 @kernel
 def clearance_at(map_: Map, marks: OccupancyBits, q: Numbers, upper_bound: float) -> float:
-    """Return a lower bound of the distance to non-FREE configurations, in cells.
+    """Return a lower bound of the clearance, in cells.
 
     ``upper_bound`` is a known upper bound of the result, or infinity.
     """
@@ -93,7 +93,7 @@ def clearance_at(map_: Map, marks: OccupancyBits, q: Numbers, upper_bound: float
 
 @kernel
 def square_outside(map_: Map, s: int, position: Position) -> float:
-    """Return the squared distance to non-FREE cells outside the grid, in cells.
+    """Return the squared distance to non-FREE cells outside the grid.
 
     The result is infinite if the exterior is FREE.
     """
@@ -149,7 +149,7 @@ def _search_nearby_in_plane(marks: PlaneMarks, s: int, position: Position, best:
 
 @kernel
 def search_window(marks: SpaceMarks, s: int, position: Position, best: float) -> float:
-    """Search the eight cells per axis around a position in the grid.
+    """Search eight cells per axis around a position.
 
     Return the squared distance to the nearest marked cell, at most ``best``. So do the functions below.
     """
@@ -185,7 +185,10 @@ def search_window(marks: SpaceMarks, s: int, position: Position, best: float) ->
 
 @kernel
 def search_rows(marks: PlaneMarks, s: int, position: Position, best: float) -> float:
-    """Search the plane by rows of blocks, as far as words around the position reach."""
+    """Search the plane by rows of blocks.
+
+    The search goes as far as words around the position reach.
+    """
     y, block, count = (
         int(position[1]) >> BLOCK_SHIFT,
         int(position[2]) >> BLOCK_SHIFT,
@@ -221,7 +224,7 @@ def search_rows(marks: PlaneMarks, s: int, position: Position, best: float) -> f
 
 @always_inline
 def search_block_row(marks: PlaneMarks, s: int, block: int, position: Position, best: float) -> float:
-    """Search eight rows of cells, in a block row marked near the position.
+    """Search eight rows of cells in a marked block row.
 
     There are no branches, because they would be unpredictable. A word without a mark counts as a cell 32 cells away,
     farther than the mark nearby.
@@ -241,7 +244,7 @@ def search_block_row(marks: PlaneMarks, s: int, block: int, position: Position, 
 
 @kernel
 def search_row_from(marks: PlaneMarks, s: int, row: int, block: int, position: Position, best: float) -> float:
-    """Search a row of blocks in the plane, from a block on and away from the position."""
+    """Search a row of blocks, away from the position."""
     z, first, last = int(position[2]), block << BLOCK_SHIFT, (block << BLOCK_SHIFT) + BLOCK_SIDE - 1
     if last + 1 >= position[2]:
         first = max(first, z)
@@ -262,7 +265,10 @@ def search_row_from(marks: PlaneMarks, s: int, row: int, block: int, position: P
 
 @always_inline
 def read_word(row: Words, index: int) -> np.uint64:
-    """Read 64 bits of a row from an index on, which may be as low as -64."""
+    """Read 64 bits of a row from an index on.
+
+    The index may be as low as -64.
+    """
     word_index, shift = (index + 64) >> 6, np.uint64(index & 63)
     word: np.uint64 = row[word_index] >> shift | row[word_index + 1] << ONE << (LAST - shift)
     return word
@@ -339,7 +345,7 @@ def search_node(
 def near_bits(
     marks: OccupancyBits, node: Cell, position: Position, x_square: float, gaps: tuple[float, float], best: float
 ) -> np.uint64:
-    """Return the bits of a layer of a node that may be near enough."""
+    """Return the bits of a layer that may be near enough."""
     raise NotImplementedError
 
 
@@ -400,7 +406,7 @@ dispatch_on_type(search_block, {SpaceMarks: _search_block_in_space, PlaneMarks: 
 def search_word(
     word: np.uint64, position: Position, first: tuple[int, int], x_square: float, y_min: float, best: float
 ) -> float:
-    """Search a word of cells, the first of which is at ``first`` along y and z."""
+    """Search a word of cells that starts at ``first``."""
     while word != 0:
         n, z_gap = find_nearest_part(word, BYTE_SHIFT, position[2], 1.0, first[1])
         square = x_square + z_gap * z_gap
@@ -415,7 +421,7 @@ def search_word(
 
 @always_inline
 def bound_squares(layers: Words, position: Position, size: float, first_y: int, first_z: int) -> tuple[float, float]:
-    """Return squared distances along y and z to the nearest mark of any layer.
+    """Return squared distances along y and z to the nearest mark.
 
     ``size`` is the size of a cell or block, in cells; both are infinite if no layer has a mark.
     """
@@ -436,7 +442,9 @@ def bound_squares(layers: Words, position: Position, size: float, first_y: int, 
 def near_window(
     position: Position, size: float, first_y: int, first_z: int, best: float, other_y: float, other_z: float
 ) -> np.uint64:
-    """Return the bits of a word that may be nearer than the square root of ``best``.
+    """Return bits of a word that may be near enough.
+
+    They may be nearer than the square root of ``best``.
 
     ``other_y`` and ``other_z`` are lower bounds of what the other axes add to squared distances along y and along z.
     """
@@ -449,7 +457,7 @@ def near_window(
 
 @always_inline
 def near_range(position: float, size: float, first: int, best: float, other: float) -> tuple[int, int]:
-    """Return the first and last of eight blocks that may be near enough.
+    """Return the range of eight blocks that may be near enough.
 
     Bounds are widened, so that rounding loses none.
     """
@@ -460,13 +468,13 @@ def near_range(position: float, size: float, first: int, best: float, other: flo
 
 @always_inline
 def gap(position: float, index: int, size: float) -> float:
-    """Return the distance along an axis from a position to a cell or block, by its index."""
+    """Return the distance from a position along an axis."""
     return max(0.0, index * size - position, position - (index + 1) * size)
 
 
 @always_inline
 def start_outward(position: float, size: float, first: int, stop: int) -> tuple[int, int]:
-    """Return the indices below and above a position, to search outwards from.
+    """Return the indices below and above a position.
 
     Both lie within ``first`` and ``stop``, or just outside.
     """
@@ -478,7 +486,7 @@ def start_outward(position: float, size: float, first: int, stop: int) -> tuple[
 def next_nearest(
     position: float, size: float, first: int, stop: int, below: int, above: int
 ) -> tuple[int, float, int, int]:
-    """Return the nearer of the next blocks below and above.
+    """Return the nearer of the next blocks.
 
     The result is its index, its distance, and the next indices below and above.
     """
@@ -491,7 +499,7 @@ def next_nearest(
 
 @always_inline
 def find_nearest_part(word: np.uint64, wide: np.uint64, position: float, size: float, first: int) -> tuple[int, float]:
-    """Return the nearest of eight blocks that a word marks, and its distance.
+    """Return the nearest of eight marked blocks, and its distance.
 
     ``wide`` is BYTE_SHIFT if each block has a byte of the word, BIT_SHIFT if it has a bit.
     """
@@ -567,7 +575,7 @@ MAX_DIRTY_WINDOWS: Final = 32
 
 
 class Inflation:
-    """Largest clearances over all slices of a map of the plane.
+    """Largest clearances over all slices, in the plane.
 
     The states and the exterior table are shared, not copied. The lock is held during updates of the map, and while
     clearances are computed.
@@ -579,7 +587,7 @@ class Inflation:
         self._reach, self._seen, self._dirty_windows = -1, exterior.copy(), list[Ints]()
 
     def refresh(self, boxes: Ints) -> None:
-        """Record the box of changed states of each slice, shape (slices, 6)."""
+        """Record boxes of changed states, shape (slices, 6)."""
         changed = boxes[(boxes[:, :3] <= boxes[:, 3:]).all(axis=1)]
         if len(changed):
             self._dirty_windows.append(np.array([changed[:, 1:3].min(axis=0), changed[:, 4:].max(axis=0) + 1]))
@@ -587,7 +595,7 @@ class Inflation:
             self._dirty_windows = [_bounding_window(self._dirty_windows)]
 
     def clearances(self, limit: float) -> Floats:
-        """Return the clearances in cells, shape (nx, ny); infinite if above ``limit``.
+        """Return clearances in cells, infinite above ``limit``.
 
         Raises InputError if the limit and the map exceed :data:`MAX_REACH_CELLS` cells.
         """
@@ -605,7 +613,7 @@ class Inflation:
 
 
 def slice_clearances(states: States, exterior: Ints, limit: float) -> Floats:
-    """Return the clearances of one slice, states of shape (nx, ny).
+    """Return the clearances (nx, ny) of one slice.
 
     See :meth:`Inflation.clearances`.
     """
@@ -615,7 +623,10 @@ def slice_clearances(states: States, exterior: Ints, limit: float) -> Floats:
 
 
 def compute_reach(limit: float, shape: Sequence[int], exterior: Ints) -> int:
-    """Return the search radius in cells: the limit, or the farthest non-FREE cell."""
+    """Return the search radius in cells.
+
+    It is the limit, or the distance of the farthest non-FREE cell.
+    """
     boxes = exterior.reshape(-1, exterior.shape[-1])[:, :-1].reshape(-1, 2, len(shape))
     farthest = np.maximum(boxes[:, 1], shape).max() - min(int(boxes[:, 0].min()), 0)
     reach = int(min(math.ceil(max(limit, 0.0)), farthest))
@@ -636,7 +647,7 @@ def to_cells(squares: Squares, reach: int) -> Floats:
 
 
 def update_squares(states: Stack, exterior: Ints, reach: int, changed: Ints, out: Squares) -> None:
-    """Recompute the largest squares over slices within a window of ``out``.
+    """Recompute the largest squares in a window of ``out``.
 
     ``changed`` has the first cell, and the cell after the last, of the window.
     """
@@ -660,7 +671,7 @@ def update_squares(states: Stack, exterior: Ints, reach: int, changed: Ints, out
 
 
 def _unpack_batches(states: Stack) -> Iterator[tuple[int, States]]:
-    """Yield all slices as bytes in batches, with the index of the first slice."""
+    """Yield slices as bytes, in batches with first indices."""
     if isinstance(states, np.ndarray):
         yield 0, states
         return
@@ -683,7 +694,7 @@ def raise_squares(
     scratch: tuple[Squares, Squares, Squares, States, Squares],
     out: Squares,
 ) -> None:
-    """Raise squares in a window, shape (nx, ny), to the maximum over slices.
+    """Raise squares (nx, ny) to the maximum over slices.
 
     ``corner`` is the window's first cell.
     """
@@ -729,7 +740,7 @@ def raise_squares(
 
 @kernel
 def read_row(states: States, table: Ints, x: int, y: int, mask: States) -> None:
-    """Write the states of a row of cells that starts at ``(x, y)``.
+    """Write the states of a row from ``(x, y)`` on.
 
     Outside the grid, every cell that may not be FREE counts as taken.
     """

@@ -1,4 +1,4 @@
-"""Connected components of FREE cells, and of cells that are not BLOCKED."""
+"""Connected components of FREE, and of non-BLOCKED cells."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ _ONE, _LAST = np.uint64(1), np.uint64(63)
 
 
 class Blocks(NamedTuple):
-    """Cells of one kind, FREE or not BLOCKED, cut into blocks.
+    """Blocks of cells of one kind.
 
     Blocks are numbered slice by slice, and in C order within a slice.
 
@@ -195,7 +195,7 @@ class GlobalLabels(NamedTuple):
 
 @kernel
 def pack(blocks: Blocks, segment: int, words: Words) -> None:
-    """Pack blocks that are consecutive along the last axis into words, one word a row.
+    """Pack consecutive blocks along the last axis into words.
 
     Rows are read across all blocks, in memory order, which is several times faster than block by block. Later rows are
     prefetched; otherwise each row would wait for memory.
@@ -230,7 +230,7 @@ def count_runs(word: np.uint64) -> int:
 
 @always_inline
 def component_at(labels: Labels, row: int, bit: np.uint64) -> int:
-    """Return the component of the cell of a row at ``bit``."""
+    """Return the component of the cell at ``bit``."""
     run = count_runs(labels.words[row] & (bit | (bit - _ONE))) - 1
     component: int = np.int64(labels.numbers[min(labels.bounds[row] + run, labels.bounds[row + 1] - 1)])  # type: ignore[assignment]
     return component
@@ -238,7 +238,7 @@ def component_at(labels: Labels, row: int, bit: np.uint64) -> int:
 
 @always_inline
 def disjoint_run_ends(word: np.uint64, other: np.uint64) -> np.uint64:
-    """Return the last bits of runs in ``word`` disjoint from ``other``."""
+    """Return last bits of runs disjoint from ``other``."""
     # Add the first bit of each run to the run without ``other``. The carry passes through the whole run only if no bit
     # of it is in ``other``. A run at the end of the word carries out of it.
     apart = word & ~other
@@ -248,7 +248,7 @@ def disjoint_run_ends(word: np.uint64, other: np.uint64) -> np.uint64:
 
 @kernel
 def label_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes, components: int) -> int:
-    """Label the runs of a row from two neighbor rows.
+    """Label the runs of a row from two neighbors.
 
     Return the number of components. A missing neighbor row is given as the row itself. A run that touches no earlier
     run starts a component; if it touches several, union-find merges them.
@@ -335,7 +335,7 @@ def label_blocks(blocks: Blocks, segments: Ints, starts: Ints, labels: Labels, p
 
 
 class Faces(NamedTuple):
-    """Contacts of components across block faces, and between rotation cells.
+    """Contacts of components across faces and rotations.
 
     Attributes
     ----------
@@ -405,7 +405,7 @@ def find_faces(
 
 @kernel
 def compact_faces(faces: Faces) -> tuple[int, int]:
-    """Remove deleted faces in place; return the number of faces and pairs."""
+    """Remove deleted faces; return counts of faces and pairs."""
     rows, pairs = faces
     n_faces: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type from the start
     begin = n_pairs = n_faces
@@ -423,7 +423,7 @@ def compact_faces(faces: Faces) -> tuple[int, int]:
 
 @kernel
 def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Bools, starts: Ints, bounds: Ints) -> int:
-    """Replace each node by the lowest node of its component.
+    """Replace each node by the lowest of its component.
 
     Return the number of deleted faces. ``roots`` are all nodes, in order; ``base`` is as in :class:`GlobalLabels`.
     Faces before index ``fresh`` are deleted if one of their blocks has ``changed``; later faces are new. ``starts``,
@@ -456,7 +456,7 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
 
 @kernel
 def look_up(blocks: Blocks, labels: GlobalLabels, cells: Ints, components: Ints) -> int:
-    """Look up components of cells by state; return how many remain undecided.
+    """Look up components by state; count the undecided cells.
 
     Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``. The state decides if all components of the cell's block
     are one component of the map. Other cells get UNLABELLED less their block, row and bit; cells of another kind get
@@ -495,7 +495,7 @@ def look_up(blocks: Blocks, labels: GlobalLabels, cells: Ints, components: Ints)
 def look_up_labelled(
     global_labels: GlobalLabels, cells: Ints, label_index: Nodes, labels: Labels, components: Ints
 ) -> None:
-    """Look up the cells that :func:`look_up` left undecided, in labelled blocks.
+    """Look up undecided cells in labelled blocks.
 
     ``label_index`` has the index of each block in ``labels``, or -1.
     """
@@ -514,7 +514,7 @@ def look_up_labelled(
 
 
 class Components:
-    """Connected components of a map's FREE cells, and of its non-BLOCKED cells.
+    """Connected components of FREE, and of non-BLOCKED cells.
 
     Either kind is computed at its first use. Cells that share a side are joined. Between FREE cells of one component a
     path exists. Between components of cells that are not BLOCKED no path exists: if a path crosses an edge or a corner,
@@ -566,7 +566,7 @@ class Components:
         component_a, component_b = merged.of(merged_cells).tolist()
 
         def joined_along_path() -> bool:
-            """Return True if a short block path joins the two cells."""
+            """Return True if a short block path joins the cells."""
             if not -1 != component_a == component_b:
                 return False
             path_blocks = merged.block_path(merged_cells)
@@ -595,7 +595,7 @@ class Components:
 
 
 class PeriodicComponents(Components):
-    """Components of one period, joined across the seams of periodic axes."""
+    """Components of one period, joined across seams."""
 
     def __init__(
         self, states: Stack, slice_of: Ints, neighbors: Ints, exterior_open: Bools, periodic: Sequence[bool]
@@ -649,7 +649,7 @@ def _join_across_seams(components: Ints) -> tuple[Ints, Ints]:
 
 
 class StateComponents:
-    """Connected components of one kind of cells, FREE or not BLOCKED.
+    """Connected components of one kind of cells.
 
     There are two levels, so that a change reads few cells. Runs of cells are joined within each block. Union-find joins
     the components of adjacent blocks over the whole map. Only contacts between blocks are kept; cell labels are
@@ -716,7 +716,7 @@ class StateComponents:
         return int(self._changed[0].size)
 
     def block_path(self, cells: Ints) -> Ints:
-        """Return the blocks on and beside a shortest block path.
+        """Return blocks on and beside a shortest block path.
 
         The path leads between two joined cells, shape (2, 1 + d), of a map with a single slice.
         """
@@ -746,7 +746,7 @@ class StateComponents:
         return np.asarray(np.ravel_multi_index(tuple(blocks.T), shape))
 
     def _members(self, component: int) -> tuple[Bools, Ints]:
-        """Return the block components and blocks of a component of the map."""
+        """Return the block components of a component, and their blocks."""
         global_labels, blocks_per_slice = self._global_labels(), self._changed[0].size
         ours = np.zeros(global_labels.base[-1], dtype=np.bool_)
         for start, s in set(zip(global_labels.starts.tolist(), global_labels.slices.tolist(), strict=True)):
@@ -755,7 +755,9 @@ class StateComponents:
         return ours, np.flatnonzero(np.diff(np.append(0, np.cumsum(ours))[global_labels.base]))
 
     def _compute_box(self, component: int) -> Ints:
-        """Compute the box around a component, labelling only blocks that may widen it.
+        """Compute the box around a component.
+
+        Only blocks that may widen it are labelled.
 
         Random blocks come first, because they reach most of the box at once.
         """
@@ -790,14 +792,14 @@ class StateComponents:
         return np.stack([low, high])[:, 3 - self._dim :]
 
     def _look_up_labelled(self, global_labels: GlobalLabels, cells: Ints, components: Ints) -> None:
-        """Label the blocks of undecided cells, and look those cells up."""
+        """Label the blocks of undecided cells, and look again."""
         wanted = np.unique((UNLABELLED - components[components <= UNLABELLED]) >> 12)
         for first in range(0, len(wanted), BLOCKS_PER_TASK):
             self._cache_labels(wanted[first : first + BLOCKS_PER_TASK])
             look_up_labelled(global_labels, cells, *self._cached, components)
 
     def _cache_labels(self, segments: Ints) -> None:
-        """Label blocks that are not cached; clear a full cache first."""
+        """Label blocks; clear a full cache first."""
         label_index, labels = self._cached
         missing = segments[label_index[segments] < 0]
         if not len(missing):
@@ -823,7 +825,10 @@ class StateComponents:
         return np.full(self._changed.size, -1, dtype=np.int32), labels
 
     def _global_labels(self) -> GlobalLabels:
-        """Return the components of the map; read only changed blocks again."""
+        """Return the components of the map.
+
+        Only changed blocks are read again.
+        """
         if self._labels is None:
             stale = self._changed.copy()
             for axis in range(4 - self._dim, 4):  # a shared face belongs to the first of two blocks
@@ -865,7 +870,7 @@ class StateComponents:
         return np.split(blocks[order], np.flatnonzero(np.diff(tiles[order])) + 1)
 
     def _find_faces(self, blocks: Ints, scratch: list[Labels]) -> Faces:
-        """Find the changed faces between blocks and their later neighbors.
+        """Find changed faces between blocks and later neighbors.
 
         Label buffers are popped from ``scratch`` and pushed back, because allocating memory takes as long as labelling.
         """
@@ -892,7 +897,7 @@ class StateComponents:
         return Faces(*(array[:count].copy() for array, count in zip(faces, sizes, strict=True)))
 
     def _next_blocks(self, blocks: Ints) -> Ints:
-        """Return the next block along each axis and in each later slice.
+        """Return the next blocks along each axis and slice.
 
         The result has shape (n, k), padded with -1.
         """
@@ -901,12 +906,12 @@ class StateComponents:
         return np.asarray(np.maximum(blocks[:, None] + steps, -1))
 
     def _first_cells(self, segments: Ints) -> Ints:
-        """Return the first cell of each block, shape (3, n)."""
+        """Return the first cell of blocks, shape (3, n)."""
         positions = np.unravel_index(segments, self._changed.shape)[1:]
         return np.stack([position << shift for position, shift in zip(positions, self._blocks.shifts, strict=True)])
 
     def _label(self, segments: Ints, scratch: Labels | None = None) -> Labels:
-        """Label the cells of blocks, in ``scratch`` if they fit."""
+        """Label cells of blocks, in ``scratch`` if they fit."""
         deep, wide, long = self._blocks.shifts
         count, rows = len(segments), len(segments) << (deep + wide)
         runs = rows * ((1 + (1 << long)) // 2)
@@ -946,7 +951,7 @@ def _no_faces() -> Faces:
 
 
 def _append_rows(array: Numbers, count: int, parts: Sequence[Numbers]) -> Numbers:
-    """Append parts to the first ``count`` rows of an array.
+    """Append parts to the first ``count`` rows.
 
     Work in place if the array's buffer has room.
     """

@@ -1,4 +1,4 @@
-"""Contents of a map in one record, as made by a build, stored in files and carried by pickles."""
+"""Contents of a map, for builds, files and pickles."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contents:
-    """All that a map is; look-ups derive from it what else they need.
+    """All data of a map that queries derive from.
 
     Attributes
     ----------
@@ -36,31 +36,30 @@ class Contents:
     slice_of : ndarray of int64, shape (rotations,)
         The slice of each rotation cell.
     states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        FREE, MIXED or BLOCKED, of each cell of positions of the robot's reference point. Taken over, not copied, unless
+        FREE, MIXED or BLOCKED for each cell of positions of the reference point. Taken over, not copied, unless
         it is read-only: updates write into it.
     outside : {"blocked", "free", "unknown"}
-        What lies outside the grid; it is unknown of a part of a larger map.
+        State of the world outside the grid; "unknown" for a part of a larger map.
     margin : float
-        Metres by which the robot was grown where FREE was proven.
+        Metres by which the robot was grown to prove FREE.
     precision : {"integer", "float32", "float64"}
-        Arithmetic of the engine: whole numbers, or transforms in floating point, rounded to them.
+        Arithmetic of the engine: integers, or floating-point transforms rounded to integers.
     overlap_counts : ndarray of int32, the shape of states, or None
-        Overlap of each cell; taken over likewise.
+        Overlap of each cell; taken over like ``states``.
     fields : mapping of str to ndarray of float64
-        What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
+        All arrays of :class:`cspace.spectral.OverlapField`, or none.
     exterior : Exterior or None
-        What is known outside the grid; computed from the robot's rasters at need, if None.
+        States outside the grid; if None, computed from the robot's rasters when needed.
     proves_blocked : bool or None
-        Whether BLOCKED is proven; None if that is not known, as of a map from a file of an
-        earlier version.
-    endless : tuple of bool
-        Which axes are periodic: continuous joints of an arm. Empty if none is; otherwise ``rotations`` becomes their
-        :class:`cspace.map.periodic.Periodic`.
+        True if BLOCKED is proven; None if unknown, as for a map from a file of an earlier version.
+    periodic_axes : tuple of bool
+        True for periodic axes, which are continuous joints of an arm; empty without such axes. Periodic axes replace
+        ``rotations`` by a :class:`cspace.map.periodic.Periodic`.
     prove : callable or None
-        Makes the exact proofs of a map of joints, by the space of their arm, of a
-        :class:`cspace.exact.boundaries.Problem`. No file holds it, and the first change of the cells lets it go.
+        Makes exact proofs of a :class:`cspace.exact.boundaries.Problem` for a map of joints, by the space of the arm.
+        It is not stored in files, and the first change of cells drops it.
     layers : ObstacleLayers or None
-        What the cells of the workspace come from, where obstacles were placed by name; no file holds it.
+        Named obstacles that the cells of the workspace come from; not stored in files.
 
     Raises InputError if an array has another shape or type than stated, or ``outside`` is another word.
     """
@@ -115,14 +114,14 @@ class Contents:
         return (*self.grid.axes, *self.rotations.names)
 
     def leading(self, n: int) -> tuple[int, ...]:
-        """Return the shape of an array over n slices and the cells.
+        """Return the shape of n slices of cells.
 
         If the robot does not rotate, it is the shape of the cells alone.
         """
         return (*self.rotations._leading_axes(n), *self.grid.shape)
 
     def copy(self) -> Contents:
-        """Return a copy with its own arrays; arrays that are never written are shared."""
+        """Return a copy that shares only constant arrays."""
         from cspace.workspace import copy_workspace
 
         return replace(
@@ -136,10 +135,10 @@ class Contents:
 
 
 def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...]) -> dict[str, Floats]:
-    """Check the arrays of an overlap field; return them read-only, in order.
+    """Check the arrays of an overlap field.
 
-    The order is that of :data:`cspace.arrays.FIELD_NAMES`. Raises InputError if an array is missing, unknown, of
-    another shape or type, or not finite.
+    Return them read-only, in the order of :data:`cspace.arrays.FIELD_NAMES`. Raise InputError if an array is missing,
+    unknown, of another shape or type, or not finite.
     """
     names, hint = FIELD_NAMES[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
     if set(fields) != set(names):
@@ -155,6 +154,6 @@ def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...
 
 
 def _writable(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array contiguous and writeable, copied only if it is not."""
+    """Return the array contiguous and writeable, copied if necessary."""
     array = np.ascontiguousarray(array)
     return array if array.flags.writeable else array.copy()

@@ -1,4 +1,4 @@
-"""Attributes of a map that are computed at first access and follow its changes."""
+"""Attributes computed at first access and refreshed later."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ P = ParamSpec("P")
 
 
 class Refreshable(Protocol[P]):
-    """A cached part of a map that follows its changes."""
+    """A cached part that follows changes of its map."""
 
     def refresh(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Update to the map's current state; a repeated call changes nothing."""
+        """Update to the current map; a repeated call changes nothing."""
 
 
 class Lock:
-    """Reentrant lock for the parts of one map; a copy gets a new lock.
+    """Reentrant lock for the parts of one map.
+
+    A copy gets a new lock.
 
     A process forks only while no other thread holds a lock. The child has none of those threads, so it would wait
     forever, or find parts half made.
@@ -73,7 +75,7 @@ class Locked(Protocol):
 
 
 class lazy(Generic[T]):  # noqa: N801 - used as a decorator
-    """Turn a method into an attribute that is computed at first access and cached.
+    """Turn a method into an attribute, computed at first access.
 
     One thread computes the part and any others wait. All parts of an object share its lock ``_lock``. An update holds
     the lock while it changes the object. Copies and pickles of the object must omit its ``__dict__``, where parts are
@@ -101,19 +103,19 @@ class lazy(Generic[T]):  # noqa: N801 - used as a decorator
             return part
 
     def cached(self, owner: Locked) -> T | None:
-        """Return the part, or None if it is not cached."""
+        """Return the part, or None."""
         part: T | None = vars(owner).get(self._name)
         return part
 
     def refresh(self: lazy[Refreshable[P]], owner: Locked, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Call ``refresh`` of the part with the arguments, if it is cached."""
+        """Refresh the part with the arguments, if cached."""
         with owner._lock:
             part = self.cached(owner)
             if part is not None:
                 part.refresh(*args, **kwargs)
 
     def drop(self, owner: Locked) -> None:
-        """Remove the part from the cache; the next access computes it again.
+        """Remove the part; the next access computes it again.
 
         Waits for a thread that is computing it.
         """

@@ -1,4 +1,4 @@
-"""Description of a map for files and analysis: names, types, axes and units of arrays, and metadata."""
+"""Names, types, axes and units of a map's arrays."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ STACKED: Final = ("cell_states", "overlap_counts", *FIELD_NAMES)
 
 
 class Stored(NamedTuple):
-    """How an array is stored.
+    """Type, axes and attributes of a stored array.
 
     Attributes
     ----------
     axes : tuple of str
-        Names of its axes; "cells" stands for those of the grid, and "tiles" for those of the tiles.
+        Names of the axes; "cells" stands for the axes of the grid, and "tiles" for the axes of tiles.
     dtype : str
     lost : number
-        What stands in for entries that were lost: never a value that would call a cell free.
+        Value of lost entries, which never makes a cell FREE.
     about : mapping
         Attributes, after the CF conventions.
     sizes : mapping of str to int
-        Lengths of those axes that are the same for every map.
+        Lengths of axes that all maps share.
     """
 
     axes: tuple[str, ...]
@@ -129,7 +129,7 @@ def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
 
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
-    """Return the name of each axis of an array, on a grid of ``dim`` axes."""
+    """Return the axes of an array on a grid."""
     groups = {"cells": AXES[:dim], "tiles": tuple(f"tile_{axis}" for axis in AXES[:dim])}
     return tuple(part for axis in stored()[name].axes for part in groups.get(axis, (axis,)))
 
@@ -142,7 +142,10 @@ def grid_of(metadata: Mapping[str, Any]) -> Grid:
 
 
 def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
-    """Return the attributes of an array on a grid, with its unit if that depends on the axes."""
+    """Return the attributes of an array on a grid.
+
+    They include its unit if that depends on the axes.
+    """
     about, dim = dict(stored()[name].about), grid.dim
     if name in AXES:
         number = AXES.index(name)
@@ -156,7 +159,7 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
 def describe_map(
     grid: Grid, robot: Robot, rotations: Rotations, slices: int, outside: str, margin: float, source: str
 ) -> dict[str, Any]:
-    """Return the metadata of every map: text, numbers and lists of numbers.
+    """Return the metadata of every map.
 
     ``lower`` and ``spacing`` are in metres; ``axes`` names the numbers of a configuration, and ``units`` are those of
     the cells; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
@@ -180,10 +183,10 @@ def describe_map(
 
 
 def metadata_of(contents: Contents) -> dict[str, Any]:
-    """Return the metadata of a map in memory: those of :func:`describe_map`, and three more.
+    """Return the metadata of a map in memory.
 
-    ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is proven and 0 if not, left out if that is
-    unknown; ``periodic_axes`` names the periodic axes, if there are any.
+    They extend :func:`describe_map`: ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is
+    proven, 0 if not, and omitted if unknown; ``periodic_axes`` names the periodic axes, if any.
     """
     grid, workspace = contents.grid, contents.workspace
     about = describe_map(
@@ -199,12 +202,11 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 
 
 def arrays_of(contents: Contents) -> dict[str, Any]:
-    """Return the arrays of a map, by the names of :func:`stored`. No cells are copied; states may be in two bits each.
+    """Return the arrays of a map, by the names of :func:`stored`.
 
-    ``inner`` is there only if it differs from ``outer``, ``unknown`` only if there are such cells, ``overlap_counts``
-    only if
-    the map was built with it, the overlap field only if the map carries one, the arrays of rotation cells only if the
-    robot turns, and ``shapes`` only if the obstacles are known as shapes.
+    No cells are copied; states may be packed in two bits. Optional arrays are ``inner`` if it differs from ``outer``,
+    ``unknown`` if there are such cells, ``overlap_counts`` and the overlap field if the map has them, the arrays of
+    rotation cells if the robot rotates, and ``shapes`` if the obstacles have shapes.
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
@@ -227,7 +229,7 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
 
 
 def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
-    """Return the array ``shapes``, if the obstacles are known as shapes."""
+    """Return the array ``shapes`` if the obstacles have shapes."""
     if shapes is None:
         return {}
     specs = json.dumps([shape.spec for shape in shapes])
@@ -241,12 +243,15 @@ def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
     """
     try:
         return tuple(shape_from_spec(spec) for spec in json.loads(array.tobytes()))
-    except Exception as error:  # shapely and the shapes raise what they like on what is none
+    except Exception as error:  # shapely and the shapes raise any error for invalid data
         raise ValueError(f"'shapes' tells of no obstacles ({type(error).__name__}: {error})") from error
 
 
 def turns_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of all arrays of rotation cells, if one of them is there; none if the robot does not turn."""
+    """Return the names of all arrays of rotation cells.
+
+    There are none if the robot does not rotate.
+    """
     there = set(names)
     kinds = (tuple(kind.COORDINATES) for kind in Rotations.KINDS.values())
     return next((kind for kind in kinds if there.intersection(kind[:1])), ())

@@ -1,4 +1,4 @@
-"""Compiled tests of edges: whether every closed cell that an edge touches is FREE.
+"""Compiled tests that all cells on an edge are FREE.
 
 An edge is cut where it leaves a rotation cell. Each piece is walked in that cell's slice, slab by slab. Positions are
 in cells along three axes; the plane is space with one layer of cells along the first.
@@ -39,7 +39,7 @@ MIN_EXTENT_CELLS = 2.0**-500
 
 @kernel
 def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Floats, out: Bools) -> int:
-    """Test edges, shapes (n, size); return the first unusable edge, or -1."""
+    """Test edges (n, size); return the first unusable one, or -1."""
     for k in range(first.shape[0]):
         q0, q1 = configuration(map_, first, k), configuration(map_, second, k)
         if not (is_usable(map_, q0) and is_usable(map_, q1)):
@@ -50,7 +50,9 @@ def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Float
 
 @always_inline
 def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
-    """Return True if every closed cell within SLACK of an edge is FREE.
+    """Return True if all cells near an edge are FREE.
+
+    They are the closed cells within SLACK of it.
 
     Along an edge the position moves straight and the rotation takes the shortest arc. ``blocks`` are those of
     :class:`cspace.map.mip.OccupancyBits`; if None, the walk over blocks is not compiled.
@@ -70,7 +72,7 @@ def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> b
 
 @kernel
 def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-    """Return the configuration at t in [0, 1] along a shortest arc.
+    """Return the configuration at t along a shortest arc.
 
     ``arc`` selects one of several shortest arcs; see ``arc_count``.
     """
@@ -82,7 +84,7 @@ def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
 
 @always_inline
 def between(first: float, second: float, t: float) -> float:
-    """Interpolate between two numbers at t in [0, 1]; never leave their range."""
+    """Interpolate at t in [0, 1], within the ends."""
     if t == 0.0:
         return first
     if t == 1.0:
@@ -93,7 +95,7 @@ def between(first: float, second: float, t: float) -> float:
 
 @always_inline
 def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
-    """Return True if a segment in one slice is FREE, given the positions of its ends."""
+    """Return True if a segment in one slice is FREE."""
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
     dim, total = len(map_.lower), 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
@@ -123,7 +125,7 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
 
 @kernel
 def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
-    """Test some points of a segment in the grid: its end, middle, quarters, and so on.
+    """Test the end, middle, quarters, ... of a segment.
 
     Most edges of a planner collide, and probes show it sooner than a walk. If a probe fails, the walk fails too: probes
     lie on the segment up to rounding, which is far below SLACK.
@@ -146,7 +148,7 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
 
 @always_inline
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
-    """Return the first and last t in [0, 1] at which ``p + t (q - p)`` is in some cells.
+    """Return the first and last t in some cells.
 
     The range is widened by SLACK; first > last if there is none. Every operation rounds monotonically, so the range of
     several cells contains the range of each. SLACK covers rounding, which grows with the length of the segment.
@@ -160,14 +162,14 @@ def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]
 
 @always_inline
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """Return the first and last cell of ``p + t (q - p)`` for t in [start, stop], with SLACK."""
+    """Return the first and last cell for a range of t."""
     a, b = p + start * (q - p), p + stop * (q - p)
     return math.ceil(min(a, b) - SLACK) - 1, math.floor(max(a, b) + SLACK)
 
 
 @kernel
 def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
-    """Return True if a segment's cells between ``low`` and ``high`` are FREE.
+    """Return True if a segment's cells in a range are FREE.
 
     The segment is cut into slabs along x, and each slab along y; each part meets a run of cells along z.
     """
@@ -190,7 +192,7 @@ def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -
 
 @kernel
 def blocks_are_free(part: Slice, blocks: Words, number: int, p: Numbers, q: Numbers) -> bool:
-    """Return True if a segment in the grid is FREE, walking marked blocks only."""
+    """Return True if a segment is FREE, by marked blocks."""
     ground: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type for all three
     nx, ny, nz = part.shape
     first, last = cells_between(p[0], q[0], 0.0, 1.0)

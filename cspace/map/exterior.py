@@ -20,7 +20,9 @@ UNKNOWN: Final = "unknown"
 
 @dataclass(frozen=True, slots=True)
 class Exterior:
-    """State of all cells outside the grid for each slice, except a box of MIXED cells.
+    """State of the cells outside the grid, per slice.
+
+    All have one state, except for the MIXED cells of a box.
 
     Attributes
     ----------
@@ -33,7 +35,7 @@ class Exterior:
 
     @classmethod
     def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """Compute the exterior from a workspace's outer cells and the robot's rasters.
+        """Compute the exterior from outer cells and rasters.
 
         ``rasters`` are those of each slice. ``policy`` is the space outside the workspace: "blocked", "free" or
         "unknown".
@@ -46,7 +48,7 @@ class Exterior:
 
     @classmethod
     def around(cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """Compute the exterior of a workspace from its shape and obstacle box.
+        """Compute the exterior from a shape and an obstacle box.
 
         ``box`` has the first and last obstacle cell; only policy "free" reads it.
         """
@@ -65,18 +67,18 @@ class Exterior:
 
     @property
     def boxes(self) -> Ints:
-        """First and last cell of each box, shape (slices, 2 d); a view."""
+        """First and last cells of boxes, shape (slices, 2 d)."""
         return self.table[:, :-1]
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
-        """Return, for each slice, True if every cell outside a grid is BLOCKED."""
+        """Return True for slices with a BLOCKED exterior."""
         first, last = self.boxes[:, : len(shape)], self.boxes[:, len(shape) :]
         hidden = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
         return np.asarray((self.table[:, -1] == BLOCKED) & hidden)
 
 
 def reached_box(obstacles: Ints, outer: Raster) -> Ints:
-    """Return the box of cells from which an offset may reach an obstacle box.
+    """Return the cells from which offsets may reach obstacles.
 
     Outside the result FREE is proven. Both boxes have the first cell, then the last one, shape (2 d,); a box is empty
     if first > last.

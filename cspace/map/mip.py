@@ -1,4 +1,4 @@
-"""Marks of cells that are not FREE, as bits at three scales.
+"""Bit marks of non-FREE cells at three scales.
 
 With them, an edge through blocks of FREE cells is not walked cell by cell, and the nearest cell that is not FREE is
 searched in marked blocks only. Positions are along three axes; the plane is space with one layer of cells.
@@ -44,7 +44,7 @@ MAX_DIRTY_BOXES: Final = 32
 
 
 class SpaceMarks(NamedTuple):
-    """Cells of space that are not FREE, at three scales, for kernels; read-only.
+    """Marks of non-FREE cells in space, for kernels.
 
     A word has 8 x 8 bits: a byte for each position along z, and in it a bit for each position along y.
 
@@ -64,7 +64,7 @@ class SpaceMarks(NamedTuple):
 
 
 class PlaneMarks(NamedTuple):
-    """Cells of the plane that are not FREE, at three scales.
+    """Marks of non-FREE cells in the plane.
 
     This is a type of its own so that no kernel is compiled for both.
 
@@ -89,7 +89,7 @@ _MARKS_BY_NDIM: Final[dict[int, tuple[type[OccupancyBits], int]]] = {3: (PlaneMa
 
 
 class OccupancyPyramid:
-    """Marks of all slices; changes are flushed at the next call of :meth:`marks`.
+    """Marks of all slices, refreshed by :meth:`marks`.
 
     The states, contiguous in C order, are shared, not copied. The lock is held while they change, and while marks are
     updated.
@@ -109,7 +109,7 @@ class OccupancyPyramid:
         self._dirty_boxes, self._eager = [self._whole()], False
 
     def refresh(self, boxes: Ints) -> None:
-        """Record the box of changed states of each slice, shape (slices, 6)."""
+        """Record boxes of changed states, shape (slices, 6)."""
         self._dirty_boxes.append(boxes)
         if len(self._dirty_boxes) > MAX_DIRTY_BOXES:
             dirty = np.array(self._dirty_boxes)
@@ -118,7 +118,7 @@ class OccupancyPyramid:
             self._flush()
 
     def marks(self, cells: bool, eager: bool = False) -> OccupancyBits:
-        """Return the current marks; ``eager`` marks follow each change at once.
+        """Return the current marks; ``eager`` ones follow changes.
 
         Marks of single cells are included if ``cells`` is True.
         """
@@ -136,7 +136,7 @@ class OccupancyPyramid:
         return np.array([[0, 0, 0, *(n - 1 for n in self._shape)]] * len(self._states), dtype=np.int64)
 
     def _flush(self) -> None:
-        """Mark all dirty boxes; they stay dirty until all are done."""
+        """Mark all dirty boxes; an error leaves them dirty."""
         for boxes in self._dirty_boxes:
             self._mark(boxes)
         self._dirty_boxes = []
@@ -150,7 +150,7 @@ class OccupancyPyramid:
                 self._mark_slices(self._states[s], slice(s, s + 1), boxes)
 
     def _mark_slices(self, states: States, part: slice, boxes: Ints) -> None:
-        """Mark the boxes of some slices, in threads if that pays."""
+        """Mark boxes of slices, in threads if that pays."""
         states = read_only(states.reshape(-1, *self._shape))
         marks = self._kind(self._cells[part], self._blocks[part], self._nodes[part].view(np.uint64))
         rows = np.flatnonzero((boxes[part, :3] <= boxes[part, 3:]).all(axis=1))
@@ -182,7 +182,9 @@ class OccupancyPyramid:
 
 @always_inline
 def transpose_bits(word: np.uint64) -> np.uint64:
-    """Transpose 8 x 8 bits: bit i of byte k becomes bit k of byte i.
+    """Transpose the bits of eight bytes.
+
+    Bit i of byte k becomes bit k of byte i.
 
     Source: Warren, Hacker's Delight, 2012.
     """
@@ -193,7 +195,7 @@ def transpose_bits(word: np.uint64) -> np.uint64:
 
 
 def mark_layer(marks: OccupancyBits, s: int, i: int, b: int, first: int, depth: int, words: Words) -> None:
-    """Mark a layer of cells in consecutive blocks along z, one word a block."""
+    """Mark a layer of cells in blocks along z."""
     raise NotImplementedError
 
 
@@ -216,7 +218,9 @@ dispatch_on_type(mark_layer, {SpaceMarks: _mark_layer_in_space, PlaneMarks: _mar
 
 @kernel
 def mark_boxes(states: States, marks: OccupancyBits, scratch: tuple[States, Words, Words], boxes: Ints) -> None:
-    """Mark the blocks that boxes of cells touch; see :class:`SpaceMarks`.
+    """Mark the blocks that boxes touch.
+
+    See :class:`SpaceMarks`.
 
     A box, shape (7,), has its slice, first cell and last cell, along three axes; it is empty if first > last. Each mark
     is written once, cells first. Threads may take boxes that share no node. ``scratch`` has a row of blocks along z as
@@ -249,13 +253,13 @@ def mark_boxes(states: States, marks: OccupancyBits, scratch: tuple[States, Word
 
 @kernel
 def put_bits(row: Words, index: int, mask: np.uint64, bits: np.uint64) -> None:
-    """Replace bits of a row from an index on; they must lie in one word."""
+    """Replace bits within one word of a row."""
     shift = np.uint64(index & 63)
     row[(index >> 6) + 1] = (row[(index >> 6) + 1] & ~(mask << shift)) | bits << shift
 
 
 @kernel
 def add_bit(into: States, cells: States, bit: np.uint8) -> None:
-    """Set a bit in each byte whose cell is not FREE."""
+    """Set a bit in bytes whose cell is not FREE."""
     for k in range(cells.shape[0]):
         into[k] |= bit if cells[k] != FREE else np.uint8(0)

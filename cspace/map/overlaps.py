@@ -1,4 +1,4 @@
-"""Overlaps at single configurations, summed over the robot's rows without a stored grid."""
+"""Overlaps without stored counts, from rows of the robot."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Sums:
             np.cumsum(part, axis=-1, dtype=kind, out=into[..., 1:])
 
     def refresh(self, cells: Bools, box: Ints) -> None:
-        """Count again in a box of changed cells, shape (6,)."""
+        """Count again in a box (6,) of changed cells."""
         refresh_counts(self.counts, _with_three_axes(cells), box)
 
 
@@ -47,7 +47,7 @@ def _with_three_axes(cells: Bools) -> Bools:
 
 
 class Runs(NamedTuple):
-    """Offsets of a robot's slices, as rows along the last axis.
+    """Robot offsets of each slice, as rows.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Runs(NamedTuple):
 
 @kernel
 def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats, out: Ints) -> int:
-    """Compute overlaps with obstacle cells; return the first unusable row, or -1.
+    """Compute overlaps; return the first unusable row, or -1.
 
     ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
@@ -83,7 +83,7 @@ def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats
 
 @kernel
 def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
-    """Return the overlap at one configuration, summed run by run."""
+    """Return the overlap at one configuration."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
     _, _, cell = cell_of(map_, q)
     i, j, k = drop_slice(cell, 0)

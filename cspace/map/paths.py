@@ -25,7 +25,7 @@ MAX_SHORTENING_SECONDS: Final = 0.1
 
 
 def unwind(cells: Ints, shape: Sequence[int], periodic_axes: Sequence[bool]) -> Ints:
-    """Unwrap the cells of a chain along periodic axes, shape (n, 1 + d)."""
+    """Unwrap chains (n, 1 + d) along periodic axes."""
     cells = cells.copy()
     for axis in np.flatnonzero(periodic_axes).tolist():
         cells[:, 1 + axis] = np.unwrap(cells[:, 1 + axis], period=shape[axis])
@@ -35,7 +35,7 @@ def unwind(cells: Ints, shape: Sequence[int], periodic_axes: Sequence[bool]) -> 
 def waypoints(
     grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints, periodic_axes: Sequence[bool]
 ) -> Floats:
-    """Return the path between two configurations through the centers of cells.
+    """Return the path through the centers of cells.
 
     ``endpoints`` has shape (2, size), ``cells`` shape (n, 1 + d). If cells are unwrapped, as by :func:`unwind`,
     endpoints are shifted by whole turns to match.
@@ -48,7 +48,7 @@ def waypoints(
 
 
 def in_time(check: Check, until: float) -> Check:
-    """Wrap a check so that it is False after a time limit.
+    """Wrap a check to fail after a time limit.
 
     A path that is being shortened then stays as it is.
     """
@@ -57,7 +57,7 @@ def in_time(check: Check, until: float) -> Check:
 
 
 def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:
-    """Shorten a path by skipping waypoints between which the edge is free.
+    """Shorten a path by skipping waypoints.
 
     Every edge of ``points``, shape (n, size), passes ``check``, which takes the coordinates of two configurations; the
     first ``dim`` of them are a position. Before the second round, long edges get points ``step`` metres apart.
@@ -75,7 +75,7 @@ def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floa
 
 
 def _skip_points(points: Floats, check: Check) -> Floats:
-    """Skip waypoints, searching from each kept point with strides of doubling length."""
+    """Skip waypoints with strides of doubling length."""
     kept, last = [0], len(points) - 1
     while kept[-1] < last:
         here = kept[-1]
@@ -100,7 +100,7 @@ def _skip_points(points: Floats, check: Check) -> Floats:
 
 
 def _add_points(points: Floats, dim: int, step: float, check: Check) -> Floats:
-    """Add points on edges without rotation, if all the pieces pass the check.
+    """Add points on edges that pass the check.
 
     Rounding may make a piece fail.
     """

@@ -36,7 +36,7 @@ _quiet: Final = np.errstate(invalid="ignore")
 
 @dataclass(frozen=True, slots=True)
 class Periodic(OneRotation):
-    """Periodic axes of a map whose robot does not rotate.
+    """Periodic axes of a map without rotations.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Periodic(OneRotation):
 
     @_quiet
     def _make_canonical(self, q: Floats, name: str = "q") -> Floats:
-        """Return configurations, shape (..., size), with each angle in [-pi, pi).
+        """Return configurations with angles in [-pi, pi).
 
         Raises
         ------
@@ -71,11 +71,14 @@ class Periodic(OneRotation):
         return wrapped(q, self.axes)
 
     def _steps_between(self, q0: Floats, q1: Floats) -> Floats:
-        """Return the steps between configurations, along the shorter arcs; half a turn keeps its sign."""
+        """Return steps between configurations, along shorter arcs.
+
+        Half a turn keeps its sign.
+        """
         return shorter(q1 - q0, self.axes)
 
     def wrap_rows(self, kernel: Kernel) -> Kernel:
-        """Wrap a kernel of configurations or edges so that it gets wrapped angles."""
+        """Wrap a kernel to get wrapped angles."""
 
         @_quiet
         def run_wrapped(given: Floats, *others_and_out: NDArray[Any]) -> int:
@@ -90,7 +93,7 @@ class Periodic(OneRotation):
         return run_wrapped
 
     def begin_at(self, path: Floats, q0: Floats) -> Floats:
-        """Shift a path by whole turns so that it begins at a configuration."""
+        """Shift a path by whole turns to a start."""
         return path + (q0 - path[:1] - self._steps_between(path[:1], q0))
 
     def names_among(self, axes: Sequence[str]) -> list[str]:
@@ -101,7 +104,10 @@ class Periodic(OneRotation):
 
     @property
     def padding(self) -> Ints:
-        """Cells unrolled at either end of each axis: half a period, and two more for edges."""
+        """Cells unrolled at each end of each axis.
+
+        They are half a period, and two more for edges.
+        """
         return np.where(self.axes, np.array(self.counts) // 2 + 2, 0)
 
     @property
@@ -110,14 +116,14 @@ class Periodic(OneRotation):
         return tuple(slice(pad, pad + n) for pad, n in zip(self.padding.tolist(), self.counts, strict=True))
 
     def cells_in_turn(self, unrolled: Grid, q: Floats) -> Ints:
-        """Return cells of configurations, shape (..., d), rounded on borders as look-ups round."""
+        """Return cells of configurations, rounded like in queries."""
         cells = unrolled.cell_of(self._make_canonical(q)) - self.padding
         return np.where(self.axes, cells % self.counts, cells)
 
     def unroll(
         self, workspace: Workspace, states: NDArray[np.uint8], first: Ints, stop: Ints
     ) -> tuple[Workspace, NDArray[np.uint8]]:
-        """Unroll workspace and states over cells [first, stop), repeating cells as needed.
+        """Unroll workspace and states over cells [first, stop).
 
         Raises InputError if they do not fit into memory.
         """
@@ -136,7 +142,7 @@ class Periodic(OneRotation):
         return Workspace(grid, outer, inner, workspace.source), unroll_array(states)
 
     def appearances(self, low: Ints, high: Ints) -> Iterator[tuple[Ints, tuple[slice, ...]]]:
-        """Yield the places where a box of cells appears in the unrolled map.
+        """Yield the positions of a box in the unrolled map.
 
         Each is the first unrolled cell, and the part of the map that appears there.
         """
@@ -156,7 +162,7 @@ NOT_PERIODIC: Final = Periodic()
 
 
 def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) -> Callable[..., T]:
-    """Wrap a function of one or two configurations so that angles are in [-pi, pi).
+    """Wrap a function to get angles in [-pi, pi).
 
     The function takes floats. Angles of the second configuration are within half a turn of the first. Angles that
     look-ups refuse become NaN, where no configuration is free.
@@ -183,7 +189,7 @@ def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) 
 
 
 def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool]) -> Callable[..., bool]:
-    """Wrap a check of edges so that it is False if an angle changes by half a turn or more.
+    """Wrap a check to fail for half turns or more.
 
     The check takes the shorter arc, which is then another motion.
     """

@@ -23,7 +23,7 @@ Entries = TypeVar("Entries", bound=tuple[float, ...])
 
 
 class Replaced(Protocol):
-    """Type of a function that replaces one entry of a tuple."""
+    """Function that replaces one entry of a tuple."""
 
     def __call__(self, entries: Entries, index: int, entry: float, /) -> Entries:
         """Return the tuple with another entry at an index."""
@@ -53,7 +53,7 @@ INSIDE, UNDECIDED = 255, 254
 
 @always_inline
 def configuration(map_: Map, points: Floats, k: int) -> Numbers:
-    """Return row k of an array of configurations as a tuple."""
+    """Return row k of an array as a tuple."""
     q = map_.lower + map_.rotations.zeros()
     for axis in range(len(q)):
         q = replaced(q, axis, points[k, axis])
@@ -62,7 +62,7 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
 
 @always_inline
 def split_pair(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
-    """Split the coordinates of two configurations in a row into two tuples."""
+    """Split the coordinates of two configurations."""
     q0 = map_.lower + map_.rotations.zeros()
     q1, size = q0, len(q0)
     for axis in range(size):
@@ -72,7 +72,7 @@ def split_pair(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
 
 @always_inline
 def is_usable(map_: Map, q: Numbers) -> bool:
-    """Return True if all coordinates are finite and the rotation is exact enough."""
+    """Return True if a configuration is finite and exact enough."""
     usable = map_.rotations.is_usable(q)
     for axis in range(len(map_.lower)):
         usable &= math.isfinite(q[axis])
@@ -81,7 +81,7 @@ def is_usable(map_: Map, q: Numbers) -> bool:
 
 @kernel
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
-    """Return whether a configuration is in the grid, its cell's index, and the cell.
+    """Return (is in the grid, cell index, cell) of a configuration.
 
     The index counts all slices in a row. The cell is ``(slice, x, y)`` or ``(slice, x, y, z)``; along each axis it
     agrees with ``Grid.cell_of``.
@@ -119,7 +119,7 @@ def state_at(map_: Map, q: Numbers) -> int:
 
 @kernel
 def compute_codes(map_: Map, coordinates: Floats, slices: Ints, cells: Ints, codes: States) -> int:
-    """Compute cells and codes of configurations; return the number of UNDECIDED ones.
+    """Compute cells and codes; count the UNDECIDED ones.
 
     ``coordinates`` has all configurations in a row. A point in the grid gets its cell's index in ``cells`` and the code
     INSIDE. A point clearly outside gets its state, if the robot does not rotate. All others are UNDECIDED: unusable, or
@@ -162,7 +162,7 @@ def compute_codes(map_: Map, coordinates: Floats, slices: Ints, cells: Ints, cod
 
 @kernel
 def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
-    """Write the states of points from their cells and codes.
+    """Write the states of points from their codes.
 
     A separate loop without branches reads the map, so that many reads of a map larger than the cache overlap.
     """
@@ -173,7 +173,7 @@ def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
 
 
 def classify(map_: Map, points: Floats, out: States) -> int:
-    """Write the states of configurations; return the first unusable one, or -1."""
+    """Write states; return the first unusable row, or -1."""
     one_by_one = len(points) <= MAX_POINTS_ONE_BY_ONE or isinstance(map_.cells, TileCells)
     kernel = classify_few if one_by_one else classify_many
     return kernel(map_, points, out)
@@ -181,7 +181,7 @@ def classify(map_: Map, points: Floats, out: States) -> int:
 
 @kernel
 def classify_few(map_: Map, points: Floats, out: States) -> int:
-    """Write the states of configurations one by one; see :func:`classify`."""
+    """Write states one by one; see :func:`classify`."""
     for k in range(points.shape[0]):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):
@@ -192,7 +192,7 @@ def classify_few(map_: Map, points: Floats, out: States) -> int:
 
 @jit
 def classify_many(map_: Map, points: Floats, out: States) -> int:
-    """Write the states of configurations block by block; see :func:`classify`."""
+    """Write states block by block; see :func:`classify`."""
     # The length of a tuple is known at compile time, which lets the compiler vectorize.
     size, coordinates, count = (
         len(map_.lower + map_.rotations.zeros()),
@@ -224,7 +224,7 @@ def classify_many(map_: Map, points: Floats, out: States) -> int:
 
 @kernel
 def drop_slice(cell: Cell, layer: int) -> Cell:
-    """Return the position of a cell along three axes, without its slice.
+    """Return three axes of a cell, without its slice.
 
     Cells are ``(slice, x, y)`` or ``(slice, x, y, z)``; ``layer`` fills the missing axis.
     """
@@ -277,7 +277,7 @@ def get_slice(map_: Map, s: int, inside: bool) -> Slice:
 
 @always_inline
 def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
-    """Return True if the cells ``first <= k <= last`` of column (i, j) are FREE.
+    """Return True if cells ``first`` to ``last`` are FREE.
 
     Cells outside both grid and box count as FREE.
     """
@@ -297,7 +297,7 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
 
 @kernel
 def box_is_free(map_: Map, s: int, q: Numbers, distance: float) -> bool:
-    """Return True if all cells within ``distance`` along each axis are FREE.
+    """Return True if all cells within ``distance`` are FREE.
 
     The cells are closed, and SLACK is added to the distance.
     """
@@ -328,7 +328,7 @@ def box_is_free(map_: Map, s: int, q: Numbers, distance: float) -> bool:
 
 @kernel
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
-    """Write whether all is FREE within a distance and an angle of configurations.
+    """Write if everything around configurations is FREE.
 
     Return the index of the first unusable configuration, or -1. The distance is along each axis.
     """

@@ -1,4 +1,4 @@
-"""Sampling of FREE cells, and the FREE cell nearest to a configuration."""
+"""Sampling of FREE cells, and the nearest one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _ONE, _ONES, _TOPS = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x80
 
 @kernel
 def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
-    """List the chunks of slices with a FREE cell, or if ``each`` the FREE cells.
+    """List chunks with FREE cells, or the cells.
 
     ``states`` has shape (slices, cells). ``stops`` receives the end of each slice's list.
     """
@@ -60,7 +60,7 @@ def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
 
 @kernel
 def draw_cells(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, draws: Floats, drawn: Ints) -> int:
-    """Continue drawing FREE cells; return the number of cells drawn so far.
+    """Draw FREE cells; return the number drawn so far.
 
     ``draws`` are random numbers in [0, 1); each gives one cell of the chunks of a slice, and cells that are not FREE
     are skipped. ``drawn[0]`` is the number of cells drawn.
@@ -85,7 +85,7 @@ def draw_cells(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: I
 
 @kernel
 def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) -> None:
-    """Find the FREE cell of each given rank in its slice; 0 if there is none."""
+    """Find FREE cells by rank in their slice, or 0."""
     for n in range(len(slices)):
         left, begin = ranks[n], slices[n] * size
         for first in range(0, size, 64):
@@ -128,7 +128,7 @@ class FreeCells:
         self._chunks = chunks[: self._stops[-1]].copy()
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
-        """Return flat indices of cells drawn uniformly from the FREE cells of slices.
+        """Return flat indices of uniformly drawn FREE cells.
 
         Each slice must have a FREE cell.
         """
@@ -148,7 +148,7 @@ class FreeCells:
 def sample(
     free: FreeCells, slice_of: Ints, rotations: Rotations, grid: Grid, n: int, rng: np.random.Generator
 ) -> Floats:
-    """Return configurations uniform over the FREE cells of all rotations.
+    """Return uniform configurations from all FREE cells.
 
     There must be at least one FREE cell.
     """
@@ -169,7 +169,7 @@ def sample(
 
 @jit
 def nearest_cell(cells: Bytes, position: Floats, low: Ints, high: Ints) -> Ints:
-    """Return the FREE cell of a slice nearest to a position; of length 0 if none.
+    """Return the nearest FREE cell of a slice, or none.
 
     ``cells`` has shape (nx, ny, nz); the distance is to the center, in cells. Rows along the last axis are visited in
     order of their distance along the first two, while within reach of the best cell so far, and each row from the
@@ -216,13 +216,16 @@ def nearest_cell(cells: Bytes, position: Floats, low: Ints, high: Ints) -> Ints:
 
 @kernel
 def nearest_index(value: float, count: int) -> int:
-    """Return the cell along an axis whose center is nearest to a value."""
+    """Return the cell whose center is nearest to a value."""
     return int(min(max(math.floor(min(max(value, 0.0), float(count))), 0), count - 1))
 
 
 @kernel
 def axis_cost(cell: int, value: float, count: int, scale: float) -> float:
-    """Return an axis's share of a squared distance, less a common term, scaled."""
+    """Return an axis's share of a squared distance.
+
+    It is scaled and lacks a common term.
+    """
     center = count / 2.0
     offset = cell + 0.5 - center
     return offset * offset / scale - 2.0 * offset * ((value - center) / scale)
@@ -230,7 +233,9 @@ def axis_cost(cell: int, value: float, count: int, scale: float) -> float:
 
 @kernel
 def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale: float) -> tuple[int, float]:
-    """Return the next cell along an axis in order of cost, and its cost; -1 at the end.
+    """Return the next cell by cost, and its cost.
+
+    At the end the cell is -1.
 
     Cells from ``low + 1`` to before ``high`` are done.
     """
@@ -246,7 +251,7 @@ def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale
 
 
 def nearest(states: Stack, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
-    """Return the center of the FREE cell nearest to a configuration, or None.
+    """Return the nearest FREE cell's center, or None.
 
     Half a metre counts as much as a radian. Distant cells are not read.
     """

@@ -1,4 +1,4 @@
-"""Storage of states: one byte a cell, or two bits in large maps.
+"""Storage of states in bytes or two bits.
 
 Kernels take either by its type; Python sees both slice by slice, as bytes.
 """
@@ -96,7 +96,7 @@ Cells = Bytes | TwoBits | TileCells
 
 
 def _prefetch(context: Any, cells: Any, index: Any) -> Any:
-    """Prefetch the memory around a byte of an array, which may lie outside it."""
+    """Prefetch memory that may lie outside an array."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -111,7 +111,7 @@ def _prefetch(context: Any, cells: Any, index: Any) -> Any:
 
 
 def _compare_bytes(context: Any, cells: Any, index: Any) -> Any:
-    """Compare 64 bytes of an array to 1 and to 2; return two bit masks.
+    """Compare 64 bytes to 1 and to 2.
 
     Bit k of the first mask is set if byte k is 1 or more, bit k of the second if it is 2 or more.
     """
@@ -145,7 +145,7 @@ popcount: Any = intrinsic(_count)
 
 @always_inline
 def read_pairs(packed: Bytes, index: int) -> np.uint64:
-    """Read the 32 pairs of bits that begin with a cell."""
+    """Read 32 pairs of bits from a cell on."""
     shift = np.uint64(2 * (index & 3))
     word: np.uint64 = load_word(packed, index >> 2) >> shift
     return word | np.uint64(packed[(index >> 2) + 8]) << _ONE << (np.uint64(63) - shift)
@@ -153,7 +153,7 @@ def read_pairs(packed: Bytes, index: int) -> np.uint64:
 
 @always_inline
 def spread_pairs(word: np.uint64) -> np.uint64:
-    """Spread the eight lowest pairs of bits to one byte each."""
+    """Spread eight pairs of bits to bytes."""
     word = (word & np.uint64(0xFF)) | ((word & np.uint64(0xFF00)) << np.uint64(24))
     word = (word & np.uint64(0xF0000000F)) | ((word & np.uint64(0xF0000000F0)) << np.uint64(12))
     return (word & np.uint64(0x3000300030003)) | ((word & np.uint64(0xC000C000C000C)) << np.uint64(6))
@@ -161,7 +161,9 @@ def spread_pairs(word: np.uint64) -> np.uint64:
 
 @always_inline
 def unshuffle(word: np.uint64) -> np.uint64:
-    """Gather the even bits of a word in its low half, the odd bits in its high half.
+    """Gather even bits in the low half of a word.
+
+    Odd bits go to its high half.
 
     Source: Warren, Hacker's Delight, 2012.
     """
@@ -176,17 +178,19 @@ def unshuffle(word: np.uint64) -> np.uint64:
 
 
 def state_in(cells: Cells, index: int) -> int:
-    """Return the state of a cell, by its index in the map."""
+    """Return the state of a cell by index."""
     raise NotImplementedError
 
 
 def prefetch_cell(cells: Cells, index: int) -> None:
-    """Prefetch the cache line of a cell; the cell may lie outside the map."""
+    """Prefetch a cell, which may lie outside the map."""
     raise NotImplementedError
 
 
 def row_in(cells: Cells, index: int, count: int) -> WordPair:
-    """Return bit masks of non-FREE and of BLOCKED cells among ``count`` <= 64 cells.
+    """Return masks of non-FREE and BLOCKED cells of a row.
+
+    ``count`` is at most 64.
 
     Bits from ``count`` on are set.
     """
@@ -239,7 +243,10 @@ def _state_in_tiles(cells: TileCells, index: int) -> int:
 
 @always_inline
 def high_bits(start: int) -> np.uint64:
-    """Return a word with all bits from ``start`` on set; ``start`` may be 64."""
+    """Return a word with the bits from ``start`` on.
+
+    ``start`` may be 64.
+    """
     return ~np.uint64(0) << np.uint64(start) if start < 64 else np.uint64(0)
 
 
@@ -274,7 +281,7 @@ dispatch_on_type(prefetch_cell, {np.ndarray: _prefetch_byte, TwoBits: _prefetch_
 
 @kernel
 def pack(states: Bytes, packed: Bytes) -> None:
-    """Pack four states into each byte; unused bits of the last byte are 0."""
+    """Pack four states into each byte, padded by 0."""
     eights, pairs = states[: len(states) // 8 * 8].view(np.uint64), packed[: len(states) // 8 * 2].view(np.uint16)
     for k in range(len(eights)):
         word = eights[k]
@@ -298,7 +305,7 @@ def unpack(packed: Bytes, states: Bytes) -> None:
 
 
 class PackedStates:
-    """States in two bits a cell, read slice by slice as bytes.
+    """States in two bits, read slice by slice.
 
     It has the reading interface of an array of states along its first axis. All states are FREE at first.
 
@@ -343,7 +350,7 @@ class PackedStates:
         return map(self.__getitem__, range(len(self)))
 
     def __getitem__(self, index: int | slice) -> Bytes:
-        """Return the states of one or several slices as a new read-only array."""
+        """Return states of slices as a new read-only array."""
         if isinstance(index, slice):
             return np.stack([self[k] for k in range(len(self))[index]])
         index = range(len(self))[index]  # accepts negative indices, and raises IndexError
@@ -353,7 +360,10 @@ class PackedStates:
         return read_only(states[begin : begin + self._each].reshape(self.shape[1:]))
 
     def write(self, index: int, states: Bytes) -> None:
-        """Replace the states of a slice; call from one thread at a time."""
+        """Replace the states of a slice.
+
+        Call it from one thread at a time.
+        """
         first, last, begin = self._byte_range(index * self._each, self._each)
         row = states.reshape(-1)
         if 4 * (last - first) != len(row):  # the first and last byte are shared with other slices
@@ -369,7 +379,7 @@ class PackedStates:
         return other
 
     def counts(self) -> Ints:
-        """Count the FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+        """Count the states of each slice, shape (slices, 3)."""
         counts = np.empty((len(self), 3), dtype=np.int64)
         for index, row in enumerate(counts):
             first, last, begin = self._byte_range(index * self._each, self._each)
@@ -391,7 +401,7 @@ class PackedStates:
         return np.stack(list(self)).astype(self.dtype if dtype is None else dtype, copy=False)
 
     def _byte_range(self, start: int, count: int) -> tuple[int, int, int]:
-        """Return the byte range of some cells, and the index of the first cell in its byte."""
+        """Return the bytes of cells, and the first cell's offset."""
         return start // 4, -(-(start + count) // 4), start % 4
 
 
@@ -400,22 +410,22 @@ Stack = Bytes | PackedStates
 
 
 def cells_of(states: Stack) -> Cells:
-    """Return all states in a row, as kernels take them."""
+    """Return all states in a row, for kernels."""
     return states.cells if isinstance(states, PackedStates) else states.reshape(-1)
 
 
 def kernel_states(states: Stack) -> Cells:
-    """Return all states as kernels take them, with their shape."""
+    """Return states for kernels, and their shape."""
     return states.cells if isinstance(states, PackedStates) else states
 
 
 def read_only_of(states: Stack) -> Stack:
-    """Return the states, read-only; slices of packed states always are."""
+    """Return read-only states."""
     return states if isinstance(states, PackedStates) else read_only(states)
 
 
 def count_states(states: Stack) -> Ints:
-    """Count the FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+    """Count the states of each slice, shape (slices, 3)."""
     if isinstance(states, PackedStates):
         return states.counts()
     return np.array([np.bincount(part.reshape(-1), minlength=3) for part in states])
@@ -427,7 +437,7 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_bytes(states: int) -> None:
-    """Raise InputError if one byte for each state exceeds the free memory."""
+    """Raise InputError if bytes for states exceed the memory."""
     free = free_bytes()
     if states > MAX_MEMORY_FRACTION * free:
         raise InputError(
@@ -440,7 +450,7 @@ def check_bytes(states: int) -> None:
 
 
 class Map(NamedTuple):
-    """States over rotation cells times grid cells, in 2D or 3D, for kernels.
+    """States over rotation cells and grid cells, for kernels.
 
     The arrays are views of the map's own arrays, so workspace updates are visible here.
 

@@ -1,4 +1,4 @@
-"""Paths of maximum bottleneck clearance, and among these of minimum length.
+"""Paths of maximum bottleneck clearance, then minimum length.
 
 The *level* of a FREE cell is the distance from its center to the nearest cell that is not FREE. The *bottleneck* of two
 configurations is the highest level at which FREE cells of that level or above connect them. Among these cells, the
@@ -63,7 +63,7 @@ NO_BLOCKED_AXES: Final = np.zeros(3, dtype=np.bool_)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Widest:
-    """Levels of a map, and cached components of its wide cells.
+    """Levels of a map, and components of wide cells.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Widest:
 
     @classmethod
     def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, periodic_axes: Sequence[bool]) -> Widest:
-        """Compute the levels of a map from the states of each slice."""
+        """Compute the levels of a map from its states."""
         levels, blocked_axes = np.empty(map_.states.shape, dtype=np.uint16), find_blocked_axes(map_)
         layered, periodic = _with_three_axes(levels), _three_axes(periodic_axes)
 
@@ -112,7 +112,7 @@ class Widest:
         return cls(levels, map_.slice_of, rotations, costs, periodic_axes, blocked_axes)
 
     def refresh(self, boxes: Ints) -> None:
-        """Record the box of changed states of each slice, shape (slices, 6)."""
+        """Record boxes of changed states, shape (slices, 6)."""
         self.dirty_boxes.append(boxes)
 
     def updated(self, map_: Map, states: Stack) -> Widest:
@@ -138,15 +138,18 @@ class Widest:
         return replace(self, levels=levels, blocked_axes=blocked_axes, dirty_boxes=[], cached={})
 
     def level(self, cell: Sequence[int] | Ints) -> int:
-        """Return the level of a cell, ``(rotation, x, y)`` or ``(rotation, x, y, z)``."""
+        """Return the level of a cell ``(rotation, x, ...)``."""
         return int(self.levels[self.slice_of[cell[0]], *cell[1:]])
 
     def states(self, min_level: int) -> Bytes:
-        """Return states in which exactly the cells of ``min_level`` or above are FREE."""
+        """Return states with only wide cells FREE.
+
+        Wide cells have ``min_level`` or above.
+        """
         return read_only((self.levels < min_level).view(np.uint8))  # FREE is 0, and MIXED 1
 
     def climb(self, cell: Ints) -> Ints:
-        """Follow the steepest ascent of clearance to a local maximum.
+        """Follow the steepest ascent of clearance.
 
         Return the cells, from ``cell`` on. Ties go to the larger cell index.
         """
@@ -164,7 +167,7 @@ class Widest:
             path.append(best)
 
     def bottleneck(self, start: Ints, goal: Ints, join: Join, until: float) -> int:
-        """Return the largest minimum level of a chain between two cells.
+        """Return the largest minimum level of a chain.
 
         Bisect on the level; return 0 if no chain exists. Raises TimeoutError after ``until``.
         """
@@ -189,7 +192,7 @@ class Widest:
         return low
 
     def shortest(self, start: Ints, goal: Ints, min_level: int, until: float) -> Ints:
-        """Return the shortest chain of cells of ``min_level`` or above.
+        """Return the shortest chain of wide cells.
 
         The result has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
@@ -202,13 +205,19 @@ class Widest:
 
 
 def _with_three_axes(levels: Levels) -> Levels:
-    """Return levels with three grid axes; a plane has one layer."""
+    """Return levels with three grid axes.
+
+    A plane has one layer.
+    """
     slices, *shape = levels.shape
     return levels.reshape(slices, *[1] * (3 - len(shape)), *shape)
 
 
 def _three_axes(periodic_axes: Sequence[bool]) -> Bools:
-    """Return which of three axes are periodic; a plane has no x."""
+    """Return which of three axes are periodic.
+
+    A plane has no x.
+    """
     return np.array([*[False] * (3 - len(periodic_axes)), *periodic_axes])
 
 
@@ -228,7 +237,7 @@ def compute_levels(state: Bytes, blocked_axes: Bools) -> Levels:
 
 
 def compute_periodic_levels(state: Bytes, blocked_axes: Bools, periodic: Bools) -> Levels:
-    """Compute levels as :func:`compute_levels` does, on a grid with periodic axes."""
+    """Compute levels on a grid with periodic axes."""
     if not periodic.any():
         return compute_levels(state, blocked_axes)
     # Along a periodic axis, the nearest cell is at most half a period away.
@@ -242,7 +251,7 @@ def compute_periodic_levels(state: Bytes, blocked_axes: Bools, periodic: Bools) 
 
 
 def find_blocked_axes(map_: Map) -> Bools:
-    """Return the axes beyond whose ends cells are not FREE.
+    """Return the axes that end at non-FREE cells.
 
     The result has shape (slices, 3). A plane has no x, so its x is False.
     """
@@ -255,7 +264,7 @@ def find_blocked_axes(map_: Map) -> Bools:
 
 
 def refresh_levels(levels: Levels, state: Bytes, box: Ints, blocked_axes: Bools) -> None:
-    """Update the levels of a slice after states changed within a box.
+    """Update levels after states changed in a box.
 
     ``box`` has the first and last changed cell. Cells whose level was below their distance from the box keep it, and no
     distance was above the highest level.
@@ -285,7 +294,7 @@ def refresh_levels(levels: Levels, state: Bytes, box: Ints, blocked_axes: Bools)
 
 @kernel
 def write_row_squares(states: Bytes, squares: Squares, exterior_blocked: bool, start: int, stop: int) -> int:
-    """Write squared distances within each row, from row ``start`` to ``stop``."""
+    """Write squared distances within rows [start, stop)."""
     n = states.shape[1]
     for row in range(start, stop):
         for backwards in range(2):
@@ -303,7 +312,7 @@ def write_row_squares(states: Bytes, squares: Squares, exterior_blocked: bool, s
 
 @jit
 def extend_squares(squares: Squares, exterior_blocked: bool, first_line: int, stop_line: int) -> int:
-    """Extend squared distances within rows to the middle axis, line by line."""
+    """Extend squared distances from rows to the middle axis."""
     n = squares.shape[1]
     values, cells, starts = np.empty(n + 2, np.int64), np.empty(n + 2, np.int64), np.empty(n + 2, np.int64)
     border_square = 0 if exterior_blocked else INFINITE_SQUARE
@@ -334,7 +343,7 @@ def extend_squares(squares: Squares, exterior_blocked: bool, first_line: int, st
 
 @jit
 def _square(values: Ints, cell: int, k: int) -> int:
-    """Return the squared distance from position k by way of a cell.
+    """Return the squared distance by way of a cell.
 
     ``values`` has the squared distance of each cell across the line.
     """
@@ -344,7 +353,7 @@ def _square(values: Ints, cell: int, k: int) -> int:
 
 @jit
 def _last_closer(u: int, v: int, more: int) -> int:
-    """Return the last position at which cell u < v is no farther than v.
+    """Return the last position no farther from u than from v.
 
     ``more`` is the square of v minus the square of u.
     """
@@ -400,7 +409,7 @@ def find_widest_path(
 
 
 def _cut_wide_map(widest: Widest, map_: Map, positions: Ints, min_level: int) -> Map:
-    """Return the map around positions, shape (n, d), with only wide cells FREE.
+    """Return a map around positions with wide cells FREE.
 
     Cells of ``min_level`` or above are FREE.
     """

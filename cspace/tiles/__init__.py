@@ -1,1 +1,1 @@
-"""Maps larger than memory: built, stored and queried tile by tile, on one machine or a cluster."""
+"""Maps larger than memory, tile by tile."""

@@ -1,4 +1,4 @@
-"""Build a map tile by tile into a store, on this machine or on a cluster."""
+"""Build a map into a store, tile by tile."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def build_tiles(
     tile: int | Sequence[int],
     settings: Settings,
 ) -> TiledCSpace:
-    """Build a map into a store, or complete a partial one.
+    """Build a map into a store, or complete one.
 
     The caller, :func:`cspace.build`, has checked the arguments. Raises InputError if ``tile`` is invalid or a task
     exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the workspace has changed.
@@ -93,7 +93,7 @@ def build_tiles(
 
 
 def _build_missing_tiles(job: Job, settings: Settings) -> None:
-    """Build all missing tiles, then mark the store as complete."""
+    """Build missing tiles, then mark the store complete."""
     store, progress = job.store, settings["progress"]
     done = set(store.done())
     missing = [index for index in store if index not in done]
@@ -112,12 +112,14 @@ def _build_missing_tiles(job: Job, settings: Settings) -> None:
 
 
 def build_tile(job: Job, index: Index) -> None:
-    """Build and write one tile; the task of a build."""
+    """Build and write one tile, as a task."""
     job.build_tile(index)
 
 
 def resolve_tile(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the cells of a tile along each axis, limited by the grid and by the size of a chunk.
+    """Return the cells of a tile along each axis.
+
+    The grid and the size of a chunk limit them.
 
     Raises InputError unless ``tile`` is a positive integer, or one for each axis.
     """
@@ -130,7 +132,7 @@ def resolve_tile(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, 
 
 
 def _check_same(store: Store, about: dict[str, Any], rotations: Rotations, shapes: dict[str, NDArray[Any]]) -> None:
-    """Raise FileError unless a store has the settings and the workspace of this build."""
+    """Raise FileError if a store has other settings or cells."""
     hint = "choose another name, or remove it"
     settings = {
         name: (store.metadata.get(name), value) for name, value in about.items() if name not in _METADATA_NOT_COMPARED

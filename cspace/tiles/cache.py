@@ -1,4 +1,4 @@
-"""Cache of decoded tiles, and queries that load the tiles they read.
+"""Queries of stored maps, with a cache of tiles.
 
 Kernels read cells by :func:`cspace.map.storage.state_in`. It returns FREE for a cell of a missing tile and marks the
 tile. The query loads marked tiles and runs again until none is marked. By then each cell was read from a loaded tile at
@@ -58,16 +58,16 @@ class ChunkCache:
 
     @property
     def cells(self) -> TileCells:
-        """Cells for kernels; valid until the next chunk is loaded."""
+        """Cells for kernels, until the next chunk is loaded."""
         return TileCells(read_only(self._packed.view()), self._places, self._marks, *self._shape)
 
     def begin(self) -> None:
-        """Begin a query: reset the marks of chunks that earlier queries evicted or requested."""
+        """Begin a query by resetting marks of chunks."""
         self._places[self._places < 0] = MISSING
         self._marks[:] = 0
 
     def requested(self, max_count: int) -> list[int]:
-        """Return missing chunks that the kernel read, in reading order, at most ``capacity`` of them."""
+        """Return at most ``capacity`` missing chunks, in reading order."""
         for chunk in np.flatnonzero(self._marks[:-1] == USED).tolist():
             self._slots.move_to_end(chunk)
         marked = np.flatnonzero(self._marks[:-1] > 0)
@@ -93,7 +93,7 @@ class ChunkCache:
 
 
 class TileBackend:
-    """Backend that runs kernels on a stored map and loads tiles as they are read.
+    """Backend that loads tiles for kernels.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class TileBackend:
 
     @property
     def latest(self) -> Store:
-        """The current store, reopened if another process has changed it."""
+        """The current store, reopened if another process changed it."""
         with self.lock:
             if self.store.is_past:
                 self._open(Store.open(self.store.path))
@@ -132,7 +132,10 @@ class TileBackend:
             raise unfinished_map_error(self.store.path, self.share_done)
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` on one version of the store; run it again if the store changes meanwhile."""
+        """Run ``work`` on one version of the store.
+
+        Run it again if the store changes meanwhile.
+        """
         with self.lock:
             while True:
                 store = self.latest
@@ -158,7 +161,9 @@ class TileBackend:
     def _run_until_loaded(
         self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: object, least: int
     ) -> int:
-        """Run a kernel until every tile that it reads was loaded; return the first bad row, or -1.
+        """Run a kernel until all its tiles were loaded.
+
+        Return the first bad row, or -1.
 
         A result other than ``passed`` is final. The other rows run again, with some of the missing tiles loaded.
         """
@@ -182,7 +187,7 @@ class TileBackend:
 
     @property
     def _map(self) -> Map:
-        """The map for kernels, with the tiles that are loaded now."""
+        """The map for kernels, with currently loaded tiles."""
         grid, cells = self.store.grid, self._cache.cells
         rotations = self.store.rotations._compile(self.store.slice_of)
         return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self.exterior.table)
@@ -210,7 +215,10 @@ class TileBackend:
 
 
 def fill_in_pieces(kernel: Kernel, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Fill ``out`` by a kernel, copying rows a piece at a time; return the first bad row, or -1."""
+    """Fill ``out``; return the first bad row, or -1.
+
+    Rows are copied a piece at a time.
+    """
     for start in range(0, len(out), ROWS_PER_PIECE):
         piece = slice(start, start + ROWS_PER_PIECE)
         bad = kernel(*(as_contiguous(part[piece]) for part in parts), out[piece])

@@ -1,4 +1,4 @@
-"""Connected components of a stored map: labels of each tile, merged across tile faces.
+"""Connected components of a stored map.
 
 A task labels the components of one tile over all rotation cells and stores the labels on its faces. Two labels that
 touch across a face common to two tiles belong to one component; the graph of these pairs gives the components of the
@@ -38,7 +38,7 @@ MAX_CACHED_TILES: Final = 4
 
 
 def tile_faces(dim: int) -> list[tuple[int, bool]]:
-    """Return (axis, is upper face) for each face of a tile, in the order of their labels.
+    """Return (axis, is upper face) in label order.
 
     The lower face across an axis has index ``2 * axis``, and the upper face the next one.
     """
@@ -56,7 +56,7 @@ class TileComponents:
         self.components = Components(states, store.slice_of, store.rotations._neighbors, closed)
 
     def roots(self) -> tuple[Ints, Ints]:
-        """Return the components of both kinds of the cells on all faces; -1 for a cell without one.
+        """Return components of cells on faces, or -1.
 
         Faces follow each other; the cells of a face are in the order of an array of shape (rotations, *cells).
         """
@@ -71,7 +71,7 @@ class TileComponents:
 
 
 def label_tile(job: Job, index: Index) -> None:
-    """Label a tile and write the labels on its faces; a task."""
+    """Label a tile, and write its faces, as a task."""
     store = job.store
     for kind, roots in enumerate(TileComponents(store, index).roots()):
         _, ranks = np.unique(roots, return_inverse=True)
@@ -81,13 +81,13 @@ def label_tile(job: Job, index: Index) -> None:
 
 
 def _row(store: Store, index: Index, labels: Ints) -> NDArray[np.int32]:
-    """Return the stored row of a tile: the digest of its states, then its labels."""
+    """Return the stored row: digest of states, then labels."""
     digest = np.frombuffer(store.known(index).mark, dtype="<i4")
     return np.concatenate([digest, labels]).astype(np.int32).reshape(*(1,) * store.grid.dim, -1)
 
 
 def read_labels(store: Store, index: Index) -> list[list[Labels]] | None:
-    """Return the labels on the faces of a tile, for both kinds; None if missing or outdated.
+    """Return face labels of a tile, or None if outdated.
 
     There is one array for each face, shape (rotations, *cells).
     """
@@ -108,7 +108,7 @@ def read_labels(store: Store, index: Index) -> list[list[Labels]] | None:
 
 
 class TiledLabels:
-    """Connected components of a stored map, all of whose tiles are labelled.
+    """Connected components of a stored, labelled map.
 
     A node is a component of one tile that reaches a face; nodes of a tile have consecutive numbers. The last nodes are
     the exterior, one for each rotation cell.
@@ -130,7 +130,7 @@ class TiledLabels:
         ]
 
     def labels(self, index: Index) -> list[list[Labels]]:
-        """Return the labels on the faces of a tile, for both kinds.
+        """Return face labels of a tile, for both kinds.
 
         Raises LookupError if the tile is not labelled.
         """
@@ -144,7 +144,7 @@ class TiledLabels:
         return int(np.ravel_multi_index(index, self.store.counts))
 
     def _pairs(self) -> list[Ints]:
-        """Return the pairs of touching nodes, for both kinds, and fill ``offsets``."""
+        """Return touching nodes of both kinds, and fill ``offsets``."""
         store, faces, rotations = self.store, tile_faces(self.store.grid.dim), np.arange(len(self._slice_of))
         pairs: list[list[Ints]] = [[np.empty((0, 2), dtype=np.int64)] for _ in self.offsets]
         exterior_pairs = list[Ints]()
@@ -179,7 +179,7 @@ class TiledLabels:
         return [np.concatenate(touching) for touching in pairs]
 
     def nodes_of(self, cells: Ints) -> Ints:
-        """Return the nodes of cells, for both kinds, shape (2, n); -1 for a cell without a component.
+        """Return nodes (2, n) of cells, or -1.
 
         Cells are ``(rotation, x, y(, z))``, shape (n, 1 + d), inside or outside the map. A component that reaches no
         face of its tile gets a unique number below -1.
@@ -206,7 +206,10 @@ class TiledLabels:
         return nodes
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the components of FREE cells, or with ``mixed`` of open ones; -1 for none."""
+        """Return components of cells, or -1.
+
+        Cells are FREE, or with ``mixed`` not BLOCKED.
+        """
         last_cells, nodes = self._last
         if not np.array_equal(last_cells, cells):
             self._last = cells.copy(), (nodes := self.nodes_of(cells))
@@ -215,7 +218,9 @@ class TiledLabels:
         return components
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
-        """Return the shortest chain of tiles that connects two cells through FREE cells, and its crossings.
+        """Return the shortest chain of tiles between cells.
+
+        Return its crossings too; it passes only FREE cells.
 
         Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the map. The chain is empty if no FREE cells
         connect them. The crossings, shape (len(tiles) - 1, 1 + d), are the first cell in each tile except the first
@@ -250,7 +255,9 @@ class TiledLabels:
         return tiles, np.array(crossings).reshape(-1, len(start))
 
     def _find_crossing(self, tile: Index, next_tile: Index, labels: list[int], start: Ints, goal: Ints) -> Ints:
-        """Return the cell of ``next_tile`` at which to cross a face, given the label on each side.
+        """Return the cell at which to cross a face.
+
+        It is in ``next_tile``, given the label on each side.
 
         Minimizes the distance to ``start`` and ``goal`` over the cells far from the boundary of the common area.
         """
@@ -274,7 +281,10 @@ class TiledLabels:
         return best
 
     def _tile(self, index: Index) -> tuple[TileComponents, list[tuple[Ints, Ints]]]:
-        """Return a tile and, for each kind, its components on faces, ascending, with their labels."""
+        """Return a tile, its components on faces, and their labels.
+
+        There are components and labels for each kind, ascending.
+        """
         if index not in self._tiles:
             tile, pairs = TileComponents(self.store, index), []
             for roots, faces in zip(tile.roots(), self.labels(index), strict=True):
@@ -297,13 +307,13 @@ def label_tiles(job: Job, client: Client | None, progress: Callable[[int], None]
 
 
 def _unique_pairs(one: NDArray[Any], other: NDArray[Any]) -> Ints:
-    """Return the distinct pairs of two arrays, shape (n, 2)."""
+    """Return distinct pairs, shape (n, 2)."""
     pairs = np.stack([one, other], axis=-1).astype(np.int64).reshape(-1, 2)
     return np.unique(pairs, axis=0)
 
 
 def _label_nodes(count: int, pairs: Ints) -> Ints:
-    """Return the component of each of ``count`` nodes, given pairs of adjacent nodes."""
+    """Return components of ``count`` nodes from adjacent pairs."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

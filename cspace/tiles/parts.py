@@ -1,4 +1,4 @@
-"""Windows and coarse overviews of a stored map, as certified maps in memory."""
+"""Windows and overviews of a stored map, in memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 def extract_window(store: Store, known: RecordReader, table: Ints, start: Ints, stop: Ints) -> CSpace:
-    """Return the map of the cells [start, stop), or the whole map if they contain it.
+    """Return the cells [start, stop) as a map.
+
+    Return the whole map if they contain it.
 
     ``known`` returns the record of a tile. ``table``, shape (slices, 2 d + 1), holds the states outside the whole map
     (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the window exceeds the memory.
@@ -58,7 +60,7 @@ def extract_window(store: Store, known: RecordReader, table: Ints, start: Ints, 
 
 
 def _unknown_in(store: Store, box: Box) -> Bools | None:
-    """Return a mask of the unknown cells in a box; None if the map has no such mask."""
+    """Return a mask of unknown cells, or None."""
     if "unknown" not in store.names:
         return None
     unknown = np.zeros(tuple(part.stop - part.start for part in box), dtype=np.bool_)
@@ -68,7 +70,9 @@ def _unknown_in(store: Store, box: Box) -> Bools | None:
 
 
 def _shapes_in(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
-    """Return the obstacles of a window as shapes; None if only their cells are known.
+    """Return obstacles of a window as shapes, or None.
+
+    None means that the obstacles are only cells.
 
     ``grid`` is the window's grid and ``box`` its cells in the map.
     """
@@ -86,7 +90,9 @@ def _shapes_in(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
 
 
 class ReducedTile(NamedTuple):
-    """A tile in coarse cells; those at its boundary may lie partly in other tiles.
+    """A tile in coarse cells.
+
+    Cells at its boundary may lie partly in other tiles.
 
     Attributes
     ----------
@@ -105,7 +111,7 @@ class ReducedTile(NamedTuple):
 
 
 def build_overview(job: Job, max_cells: int, client: Client | None) -> CSpace:
-    """Return the map in coarse cells, at most ``max_cells`` along each axis.
+    """Return a map of at most ``max_cells`` cells per axis.
 
     A coarse cell is FREE or BLOCKED if all its cells are, else MIXED. Each tile is reduced in a task.
     """

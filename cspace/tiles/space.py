@@ -1,4 +1,4 @@
-"""TiledCSpace: a map that stays in its store and is read tile by tile."""
+"""TiledCSpace, a map that stays in its store."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ ONLY_IN_MEMORY: Final = {
 
 
 class TiledCSpace(ConfigurationMap):
-    """A certified map that stays in its store; queries read it tile by tile.
+    """A certified map that is read tile by tile.
 
     :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries return the results of the
     same map in memory, :class:`cspace.CSpace`. They take one configuration, shape (size,), or any batch, shape
@@ -86,7 +86,10 @@ class TiledCSpace(ConfigurationMap):
 
     @staticmethod
     def _holds(store: Store) -> bool:
-        """Return True unless the map has periodic axes, overlap counts or an overlap field."""
+        """Return True unless the map is one that tiles exclude.
+
+        These are maps with periodic axes, overlap counts or an overlap field.
+        """
         return "periodic_axes" not in store.metadata and not store.names.intersection(UNTILED)
 
     @classmethod
@@ -96,7 +99,9 @@ class TiledCSpace(ConfigurationMap):
 
     @classmethod
     def _of_store(cls, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
-        """Return the map of an open store, after a check of all files except tiles.
+        """Return the map of an open store.
+
+        All files are checked, except tiles.
 
         Raises ConfigurationError if the map must be in memory, and FileError if a file is missing or damaged.
         """
@@ -125,7 +130,7 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def progress(self) -> float:
-        """Fraction of the tiles that are done; queries need 1."""
+        """Fraction of tiles built; queries need 1."""
         return self._tiles.share_done
 
     @property
@@ -166,7 +171,7 @@ class TiledCSpace(ConfigurationMap):
     # ---- connectivity ------------------------------------------------------------------------------------------------
 
     def compute_components(self, client: Client | None = None, progress: Progress | None = None) -> None:
-        """Compute the connected components tile by tile, and store them.
+        """Compute and store the connected components.
 
         The first :meth:`is_connected` calls this in threads of this process; call it to do so earlier or on a cluster.
         After an update only the changed tiles are labelled again.
@@ -188,7 +193,7 @@ class TiledCSpace(ConfigurationMap):
     def _update_labels(
         self, client: Client | None = None, progress: Callable[[int], None] | None = None
     ) -> TiledLabels:
-        """Return the labels of the current store, computing missing ones."""
+        """Return current labels, computing missing ones."""
         if self._labels is None or self._labels.store is not self._kept:
             label_tiles(self._tiles.job, client, progress)
             self._labels = TiledLabels(self._kept, self._tiles.exterior)
@@ -199,7 +204,9 @@ class TiledCSpace(ConfigurationMap):
         return self._update_labels()
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
-        """Split a planning problem into one subproblem per tile, along a chain of tiles joined by FREE cells.
+        """Split a planning problem into one per tile.
+
+        The tiles form a chain joined by FREE cells.
 
         Parameters
         ----------
@@ -229,12 +236,12 @@ class TiledCSpace(ConfigurationMap):
         ]
 
     def _open_tile(self, tile: tuple[int, ...], cell: Ints) -> CSpace:
-        """Return a tile as a map in memory, extended by a cell in it or beside it."""
+        """Return a tile and a cell as a map in memory."""
         low, high = np.array([[part.start, part.stop] for part in self._kept.cells(tile)]).T
         return self._window_of_cells(np.minimum(low, cell), np.maximum(high, cell + 1))
 
     def nearest_free(self, q: ArrayLike) -> Floats:
-        """Return the nearest FREE configuration within half a tile on each side.
+        """Return the nearest FREE configuration within half a tile.
 
         See :meth:`cspace.CSpace.nearest_free`.
         """
@@ -244,14 +251,14 @@ class TiledCSpace(ConfigurationMap):
         return self.window(center - half_side, center + half_side).nearest_free(point)
 
     def _window_of_cells(self, start: Ints, stop: Ints) -> CSpace:
-        """Return the cells [start, stop) as a map in memory."""
+        """Return the cells [start, stop) as a map."""
         tiles = self._tiles
         return tiles.at_one_moment(lambda: extract_window(tiles.store, tiles.record, tiles.exterior.table, start, stop))
 
     # ---- windows and updates -----------------------------------------------------------------------------------------
 
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
-        """Return a map in memory that agrees with the whole map within a box.
+        """Return the map of a box, in memory.
 
         It holds the cells of the box and those that the robot reaches from it, also beyond the boundary of the map. All
         other cells count as MIXED, and ``outside`` is "unknown". So the window proves two configurations disconnected
@@ -290,7 +297,9 @@ class TiledCSpace(ConfigurationMap):
         return self._window_of_cells(start + self._tiles.job.reach[0], stop + self._tiles.job.reach[1])
 
     def overview(self, max_cells: int = 1024, client: Client | None = None) -> CSpace:
-        """Return the whole map in coarse cells, in memory, for plots and rough queries.
+        """Return the whole map in coarse cells, in memory.
+
+        It serves plots and rough queries.
 
         A coarse cell is FREE if all its cells are FREE, BLOCKED if all are BLOCKED, and else MIXED; so the overview is
         certified like the map.
@@ -308,7 +317,7 @@ class TiledCSpace(ConfigurationMap):
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None
     ) -> Update:
-        """Replace a box of workspace cells and update the stored map.
+        """Replace a box of workspace cells; update the map.
 
         The result equals a new build; only the affected tiles are rebuilt. They replace the old tiles atomically, and
         :attr:`version` grows: queries, in any process, see the map before or after the update, even if it is killed.
@@ -340,7 +349,7 @@ class TiledCSpace(ConfigurationMap):
         return partial(fill_in_pieces, self._clearances_in_windows)
 
     def _clearances_in_windows(self, rows: Floats, out: Floats) -> int:
-        """Fill ``out`` with clearances, from a window around the rows of each block of cells."""
+        """Fill ``out`` with clearances, in windows of blocks."""
         max_distance = WINDOW_CELLS[self.grid.dim] // 16
         bad = self._classify()([rows], np.empty(len(rows), dtype=np.uint8))
         if bad >= 0:
@@ -361,20 +370,20 @@ class TiledCSpace(ConfigurationMap):
 
 
 class RefusedAttribute:
-    """Descriptor for an attribute of :class:`cspace.CSpace` that stored maps refuse."""
+    """Descriptor for attributes that stored maps refuse."""
 
     def __init__(self, name: str, hint: str) -> None:
         self._refused = name, hint
 
     def __get__(self, space: TiledCSpace | None, kind: type[TiledCSpace]) -> NoReturn:
-        """Raise ConfigurationError for a map, and AttributeError for the class."""
+        """Raise ConfigurationError for maps, AttributeError for the class."""
         if space is None:
             raise AttributeError(f"type object 'TiledCSpace' has no attribute {self._refused[0]!r}")
         raise in_memory_error(*self._refused)
 
 
 def in_memory_error(name: str, hint: str = WINDOW_HINT) -> ConfigurationError:
-    """Return the error for a method that needs a map in memory."""
+    """Return the error of methods for maps in memory."""
     return ConfigurationError(name, "needs a map in memory", "this one stays in its store", hint)
 
 

@@ -1,4 +1,4 @@
-"""Update a stored map: rebuild the affected tiles and replace them atomically."""
+"""Atomic updates of a stored map."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class PatchedSource:
-    """Workspace cells of a store, with those of a patch replaced."""
+    """Workspace cells of a store, with a patch."""
 
     def __init__(self, store: Store, patch: Patch) -> None:
         self._store, self._patch, self.same = store, patch, bool(store.metadata["same"])
@@ -39,12 +39,14 @@ class PatchedSource:
 
     @property
     def stamp(self) -> str:
-        """Stamp of the workspace that the store was built on."""
+        """Stamp of the store's workspace."""
         return str(self._store.metadata["stamp"])
 
 
 def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints) -> Update:
-    """Apply a patch to a store atomically: readers see the map before or after it.
+    """Apply a patch to a store atomically.
+
+    Readers see the map before or after it.
 
     Raises InputError if the patch has inner cells and the store keeps only outer ones, and FileError if the store
     cannot be read or written. An update that fails leaves the map unchanged.
@@ -76,7 +78,10 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints)
 
 
 def _rebuild_tile(job: Job, index: Index, aside: str) -> Ints:
-    """Write a new version of a tile beside the old one; return the number of changed states per slice."""
+    """Write a new version of a tile.
+
+    It lies beside the old one. Return the number of changed states per slice.
+    """
     store = job.store
     updated = replace(store, metadata={**store.metadata, "aside": aside})
     old, new = store.known(index), job.build_tile(index, aside=aside)

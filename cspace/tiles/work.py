@@ -1,4 +1,4 @@
-"""Build one tile, and run tasks over many tiles in threads or on a cluster."""
+"""Tasks over tiles, in threads or on a cluster."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ MAX_POLL_SECONDS: Final = 0.2
 
 @dataclass(frozen=True)
 class Job:
-    """A store, and the workspace from which its tiles are built.
+    """A store, and the workspace of its tiles.
 
     Attributes
     ----------
@@ -81,20 +81,26 @@ class Job:
 
     @cached_property
     def reach(self) -> Ints:
-        """Lower and upper bounds of the robot's cells over all slices, relative to its own cell, shape (2, d)."""
+        """Bounds of the robot's cells over all slices, shape (2, d).
+
+        They are relative to the robot's own cell.
+        """
         rasters = [raster for pair in self.pairs for raster in pair if raster.cells.size]
         origin = [[0] * self.store.grid.dim]
         low = np.min([*origin, *(raster.lower for raster in rasters)], axis=0)
         return np.array([low, np.max([*origin, *(raster.upper for raster in rasters)], axis=0)])
 
     def window(self, box: Sequence[slice]) -> tuple[slice, ...]:
-        """Return the workspace cells that determine the states in a box."""
+        """Return the workspace cells that determine a box."""
         start = np.maximum([part.start for part in box] + self.reach[0], 0)
         stop = np.minimum([part.stop for part in box] + self.reach[1], self.store.grid.shape)
         return tuple(map(slice, start.tolist(), stop.tolist()))
 
     def bytes_needed(self) -> int:
-        """Return an upper bound of the memory of a task, in bytes, without the robot's rasters."""
+        """Return an upper bound of a task's bytes.
+
+        The robot's rasters are not counted.
+        """
         store, grid = self.store, self.store.grid
         sides = np.minimum(np.array(store.tile) + self.reach[1] - self.reach[0], grid.shape)
         states = store.depth * int(np.prod(store.tile))
@@ -108,7 +114,7 @@ class Job:
         )
 
     def read(self, box: tuple[slice, ...]) -> tuple[Bools, Bools]:
-        """Return the outer and inner workspace cells of a box.
+        """Return outer and inner workspace cells of a box.
 
         Raises FileError if the workspace has changed since the build began.
         """
@@ -122,7 +128,10 @@ class Job:
         return {}
 
     def _scratch(self, size: int) -> NDArray[np.uint8]:
-        """Return a scratch buffer of this thread, because allocating one per task costs as much as the engine."""
+        """Return this thread's scratch buffer.
+
+        Allocating one per task would cost as much as the engine.
+        """
         scratch = self._scratch_by_thread.get(get_ident())
         if scratch is None or len(scratch) < size:
             scratch = self._scratch_by_thread[get_ident()] = np.empty(size, dtype=np.uint8)
@@ -170,7 +179,9 @@ def run_tasks(
     workers: int | None,
     progress: Callable[[int], None] | None = None,
 ) -> list[Any]:
-    """Run a task for each tile, in threads or on the workers of a cluster; return the results.
+    """Run a task for each tile; return the results.
+
+    Tasks run in threads or on the workers of a cluster.
 
     Raises InputError if a task exceeds the memory, CspaceError if the cluster fails, and any error of a task.
     """
@@ -201,14 +212,14 @@ def _memory_error(job: Job, needed: float, free: float) -> InputError:
 
 
 class _Task:
-    """A task that a worker unpickles; it opens the store once."""
+    """A pickled task, which opens the store once."""
 
     def __init__(self, task: Callable[[Job, Index], Any], path: str, source: Source) -> None:
         self._task, self._path, self._source = task, path, source
 
     @cached_property
     def job(self) -> Job:
-        """The job, with the store as this worker opens it."""
+        """The job, with this worker's store."""
         return Job(Store.open(self._path), self._source)
 
     def __call__(self, index: Index) -> Any:
@@ -217,7 +228,10 @@ class _Task:
 
 @lru_cache(1)
 def _load_task(content: bytes) -> _Task:
-    """Unpickle a task; raise FileError if a file of its workspace is missing on this machine."""
+    """Unpickle a task.
+
+    Raise FileError if a file of its workspace is missing on this machine.
+    """
     try:
         task: _Task = pickle.loads(content)
     except OSError as error:
@@ -229,7 +243,10 @@ def _load_task(content: bytes) -> _Task:
 
 
 def perform_task(content: bytes, index: Index) -> Any:
-    """Run a pickled task for a tile, on a worker with the sender's version of cspace."""
+    """Run a pickled task on a worker.
+
+    Its version of cspace must be the sender's.
+    """
     try:
         return _load_task(content)(index)
     except CspaceError as error:
@@ -265,7 +282,10 @@ def _run_on_cluster(
     client: Any,
     progress: Callable[[int], None] | None,
 ) -> list[Any]:
-    """Run a task for each tile on a cluster; see :func:`run_tasks`."""
+    """Run a task for each tile on a cluster.
+
+    See :func:`run_tasks`.
+    """
     distributed = import_optional("distributed", DASK_USE, "distributed")
 
     # A worker dies if it cannot unpickle a message. So the nested functions are sent by value, use of cspace only what
