@@ -63,7 +63,7 @@ Tests that wait, for example for a browser, run while other tests remain.
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the longest tests first, so that both workers end at about the same time."""
+    """Run the longest tests first, so that workers end together."""
     items.sort(
         key=lambda item: next((k for k, part in enumerate(RUN_FIRST) if f"/{part}" in item.nodeid), len(RUN_FIRST))
     )
@@ -83,7 +83,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def pytest_collection_finish() -> None:
-    """Exclude modules, kernels and tests from garbage collection, because they stay to the end."""
+    """Exclude everything loaded so far from garbage collection."""
     gc.freeze()
 
 

@@ -8,10 +8,11 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy import sparse
 
-from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Workspace
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.rotations import Rotations
+from cspace.shapes import Point
 from strategies import seeds
 
 MAP_KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
@@ -19,7 +20,7 @@ MIXTURE = (FREE, FREE, MIXED, BLOCKED)
 
 
 class Outside(NamedTuple):
-    """State of the cells outside the grid: MIXED in a box ``(first cell, last cell)``, ``state`` elsewhere."""
+    """State outside the grid: MIXED in a box ``(first cell, last cell)``, else ``state``."""
 
     box: np.ndarray
     state: int
@@ -38,16 +39,16 @@ ALL_FREE = Outside.all_of(FREE)
 
 @cache
 def point_robot(dim, turning, spacing):
-    """Return a robot that is nearly a point, and its rasters at any rotation."""
+    """Return a nearly pointlike robot and its rasters at any rotation."""
     away = np.full(dim, 1e-7 if turning else 0.0)
     robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
     return robot, robot.rasters(spacing, 0.0)
 
 
 def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):
-    """Build a map of given states, for a nearly pointlike robot that shares no slices.
+    """Build a map of given states for a nearly pointlike robot.
 
-    ``outside`` is a policy, or an :class:`Outside` that need not belong to a robot.
+    No slices are shared. ``outside`` is a policy, or an :class:`Outside` that need not belong to a robot.
     """
     state = np.asarray(state, dtype=np.uint8)
     dim = state.ndim - (rotations is not None)
@@ -65,7 +66,7 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
 
 
 def map_in(workspace, robot, states, rotations=None, **options):
-    """Build a map of given states, shape (slices, ...), or (...) if the robot only translates."""
+    """Build a map of states, shape (slices, ...) or (...)."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
     return CSpace(Contents(workspace, robot, cells, cells._slices_for(robot.shape), states, **options))
@@ -83,6 +84,24 @@ def make_map(states, kind, outside="free", spacing=0.25, rotations=None, lower=N
 def full_states(kind, side, state=FREE):
     """Return equal states of a small map of a kind, shape (rotations, ...)."""
     return np.full((4 if "turning" in kind else 1, *(side,) * (3 if "space" in kind else 2)), state, dtype=np.uint8)
+
+
+def make_joint_map(states, periodic_axes, cells):
+    """Build a joint map with ``cells`` cells along each periodic axis."""
+    grid = Grid(np.where(periodic_axes, -np.pi, -1.0), 2.0 * np.pi / cells, states.shape, tuple("abc")[: states.ndim])
+    workspace = Workspace(grid, states != FREE, states == BLOCKED)
+    return map_in(workspace, Robot("arm", Point.at_origin(states.ndim)), states.copy(), periodic_axes=periodic_axes)
+
+
+@st.composite
+def joint_maps(draw, periodic_axes):
+    """Draw a joint map, its states, and a random generator."""
+    cells = draw(st.integers(3, 11 if len(periodic_axes) == 2 else 6))
+    shape = [cells if turns else draw(st.integers(1, 8 if len(periodic_axes) == 2 else 4)) for turns in periodic_axes]
+    rng = np.random.default_rng(draw(seeds))
+    density = draw(st.sampled_from([0.2, 0.4, 0.6]))
+    states = np.where(rng.random(shape) < density, rng.integers(1, 3, shape), 0).astype(np.uint8)
+    return make_joint_map(states, periodic_axes, cells), states, rng
 
 
 def cells_per_axis(turns):
@@ -107,7 +126,7 @@ def free_except(*cells, side=4, dim=3):
 
 
 def fill_boxes(shape, *boxes, but=()):
-    """Return obstacle cells: True in ``boxes`` of slices, except in the boxes ``but``."""
+    """Return obstacle cells, True in ``boxes`` except in ``but``."""
     cells = np.zeros(shape, dtype=bool)
     for box in boxes:
         cells[box] = True
@@ -125,7 +144,7 @@ def states(draw, side=5, mixture=(FREE, FREE, FREE, MIXED, BLOCKED), dims=(2, 3)
 
 @st.composite
 def outsides(draw, dim=3):
-    """Draw an exterior whose box contains, meets or misses the grid, or is empty."""
+    """Draw exteriors with boxes at any position, also empty boxes."""
     first = draw(st.tuples(*[st.integers(-4, 4)] * dim))
     size = draw(st.tuples(*[st.integers(0, 9)] * dim))
     box = np.array([*first, *(low + n - 1 for low, n in zip(first, size, strict=True))])
@@ -141,7 +160,7 @@ def state_of(state, outside, cell):
 
 
 def cells_around(state, outside):
-    """Yield the cells of grid and box, with a frame of one cell around both."""
+    """Yield the cells of grid, box and a frame around both."""
     low, high = np.split(outside.box, 2)
     sides = zip(state.shape, low.tolist(), high.tolist(), strict=True)
     return itertools.product(*(range(min(a, 0) - 1, max(b + 1, n) + 1) for n, a, b in sides))
@@ -167,7 +186,7 @@ def configurations(space, q):
 
 @cache
 def rotation_neighbors(turns, kind):
-    """Return the neighbours of each rotation cell, found by small steps for quaternions."""
+    """Return the neighbours of each rotation cell, by small steps."""
     if "any way" not in kind:
         return [{(cell - 1) % turns, (cell + 1) % turns} for cell in range(turns)]
     cells, n, near = Rotations.quaternions(cells_per_axis(turns)), cells_per_axis(turns), []
@@ -181,7 +200,7 @@ def rotation_neighbors(turns, kind):
 
 
 def side_neighbors(cell, shape, kind=""):
-    """Yield the cells of an array (rotations, ...) that share a side with a cell."""
+    """Yield the cells that share a side with a cell."""
     yield from ((turn, *cell[1:]) for turn in rotation_neighbors(shape[0], kind)[cell[0]])
     for axis, way in itertools.product(range(1, len(shape)), (-1, 1)):
         near = list(cell)
@@ -191,13 +210,13 @@ def side_neighbors(cell, shape, kind=""):
 
 
 def half_turns(shape):
-    """Return the axes about which a half turn maps a solid to itself."""
+    """Return the axes about which half turns are symmetries."""
     turns = (2.0 * np.outer(axis, axis) - np.eye(3) for axis in np.eye(3))
     return tuple(k for k, turn in enumerate(turns) if any((turn == each).all() for each in shape.symmetries))
 
 
 def components(cells, kind=""):
-    """Label the components of the True cells of an array (rotations, ...); others get -1.
+    """Label the components of True cells (rotations, ...); others get -1.
 
     Cells are connected through sides.
     """

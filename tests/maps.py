@@ -1,4 +1,4 @@
-"""Maps of every kind to save, and checks of maps that were opened."""
+"""Maps of every kind to save, and checks of opened maps."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,7 +20,7 @@ MAP_SUFFIXES = [".zarr", ""]
 
 
 def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
-    """Fail unless two maps are equal to the last bit and give equal answers."""
+    """Fail unless two maps are equal and give equal answers."""
     one, two = a.to_xarray(), b.to_xarray()
     assert one.identical(two)
     assert all(one[name].dtype == two[name].dtype for name in one.variables)
@@ -36,7 +36,7 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
 
 
 def proven_paths(space: Any, q0: ArrayLike, q1: ArrayLike) -> Any:
-    """Return True if a path is proven, False if disconnection is proven, else None.
+    """Return True for a proven path, False for proven disconnection, else None.
 
     For batches the result is an object array.
     """
@@ -62,7 +62,7 @@ def refused(path: Path, *texts: str) -> None:
 
 
 def plane() -> cspace.CSpace:
-    """Build a room with a column, with overlap counts, shapes, and inner unlike outer cells."""
+    """Build a room of shapes with overlap counts."""
     room = shapely.box(0, 0, 4, 3) - shapely.box(0.31, 0.32, 3.7, 2.68)
     workspace = cspace.Workspace.from_polygons([room, shapely.Point(2, 1.5).buffer(0.4)], 0.1)
     return cspace.build(workspace, cspace.Robot.disc(0.2), counts=True, margin=0.03)
@@ -75,7 +75,7 @@ def grid() -> cspace.CSpace:
 
 
 def turning() -> cspace.CSpace:
-    """Build a map of an asymmetric robot with rotation cells of different widths."""
+    """Build a map with rotation cells of different widths."""
     workspace = cspace.Workspace.from_array(np.eye(12, 9, dtype=bool), 0.1)
     borders = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
     robot = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
@@ -110,7 +110,7 @@ def solid_turning() -> cspace.CSpace:
 
 
 def solid_free() -> cspace.CSpace:
-    """Build a map of a robot that rotates about any axis and shares slices."""
+    """Build a map of a freely rotating, symmetric robot."""
     workspace = cspace.Workspace.from_array(fill_boxes((7, 6, 5), np.s_[3, 3]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
 

@@ -48,7 +48,7 @@ def read(tmp_path, name, content):
 
 
 def check_boxes(mesh, count=1):
-    """Fail unless ``mesh`` is a row of ``count`` boxes of side 4 with outward normals."""
+    """Fail unless ``mesh`` is a row of outward boxes of side 4."""
     assert len(mesh.faces) == 12 * count
     assert mesh.volume == pytest.approx(64.0 * count)
     assert mesh.area == pytest.approx(96.0 * count)

@@ -18,7 +18,7 @@ import cspace
 
 
 def output_without(package: str, code: str) -> str:
-    """Run code in a process that cannot import a package; return its output."""
+    """Return the output of code that cannot import a package."""
     run = [sys.executable, "-c", HIDE.format(package=package) + code]
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -39,7 +39,7 @@ def cross(a, b):
 
 
 def square_distance_to_box(segment, box):
-    """Return the exact squared distance between a segment and a box ``(x0, y0, x1, y1)``."""
+    """Return the exact squared distance of a segment and a box ``(x0, y0, x1, y1)``."""
     if segment_meets_block(*segment, box[:2], box[2:]):
         return Fraction(0)
     x0, y0, x1, y1 = box
@@ -51,7 +51,7 @@ def square_distance_to_box(segment, box):
 
 
 def is_beyond(segment, box, margin):
-    """Return True if a segment lies to one side of a box, farther than a margin."""
+    """Return True if one axis separates segment and box by more than a margin."""
     sides = zip(*segment, box[:2], box[2:], strict=True)
     return any(max(p, q) < low - margin or min(p, q) > high + margin for p, q, low, high in sides)
 
@@ -85,9 +85,9 @@ def ring_segments(vertices):
 
 
 def polygon_outer_offsets(vertices, spacing, margins, reach):
-    """Return the offsets m whose box ``h (m + [-1, 1]^2)`` is within each margin of a polygon.
+    """Return the outer offsets of a polygon for each margin.
 
-    All offsets satisfy |m| <= reach.
+    These are the m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` is within the margin of the polygon.
     """
     segments, h = ring_segments(vertices), Fraction(spacing)
     offsets_by_margin = [set() for _ in margins]
@@ -104,21 +104,21 @@ def polygon_outer_offsets(vertices, spacing, margins, reach):
 
 
 def polygon_inner_offsets(vertices, spacing, reach):
-    """Return the offsets m with |m| <= reach whose point ``h m`` lies in a closed polygon."""
+    """Return the m, |m| <= reach, whose point ``h m`` lies in a closed polygon."""
     segments, h = ring_segments(vertices), Fraction(spacing)
     points = {m: (h * m[0], h * m[1]) for m in product(range(-reach, reach + 1), repeat=2)}
     return {m for m, point in points.items() if is_on_boundary(point, segments) or encloses(point, segments)}
 
 
 def disc_outer_offsets(center, radius, spacing, margin, reach):
-    """Return the offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` is within a margin of a disc."""
+    """Return the m, |m| <= reach, whose box ``h (m + [-1, 1]^2)`` is within a margin of a disc."""
     *center, h, radius, margin = units((*center, spacing, radius, margin))
     apart = [[max(0, h * (m - 1) - c, c - h * (m + 1)) for m in range(-reach, reach + 1)] for c in center]
     return _offsets_within(apart, radius + margin, reach)
 
 
 def disc_inner_offsets(center, radius, spacing, reach):
-    """Return the offsets m with |m| <= reach whose point ``h m`` lies in a closed disc."""
+    """Return the m, |m| <= reach, whose point ``h m`` lies in a closed disc."""
     *center, h, radius = units((*center, spacing, radius))
     return _offsets_within([[h * m - c for m in range(-reach, reach + 1)] for c in center], radius, reach)
 
@@ -135,7 +135,10 @@ def raster_offsets(raster):
 
 
 def overlap(occupied, offsets, outside):
-    """Return ``{k: number of offsets m with an obstacle at k + m}``; ``outside`` is the state beyond the map."""
+    """Count the offsets m with an obstacle at k + m, for each cell k.
+
+    ``outside`` is the state beyond the map.
+    """
     nx, ny = occupied.shape
 
     def filled(i, j):
@@ -145,7 +148,7 @@ def overlap(occupied, offsets, outside):
 
 
 def overlaps_by_shifts(occupied, raster, outside):
-    """Return the overlap of each cell with a library Raster, by adding shifted copies of the map."""
+    """Return the overlap of each cell with a library Raster, by shifts of the map."""
     pad = np.array(occupied.shape) + 1
     wide = np.pad(occupied, [(n, n) for n in pad], constant_values=outside)
     copies = np.lib.stride_tricks.sliding_window_view(wide.view(np.uint8), occupied.shape)
@@ -166,16 +169,16 @@ def overlaps_by_shifts(occupied, raster, outside):
 
 
 def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
-    """Run an engine on new arrays; return them and the arithmetic that it used."""
+    """Run an engine; return its new arrays and its arithmetic."""
     occupied, out = occupied.view(), [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters]
     occupied.setflags(write=False)  # like the cells of a workspace
     return out, engine.collide(occupied, rasters, out, outside=outside, **options)
 
 
 def segment_meets_block(start, end, low, high):
-    """Return True if a closed segment meets a closed block, by clipping (Liang and Barsky, 1984).
+    """Return True if a closed segment meets a closed block.
 
-    Works in any dimension. Exact for fractions and integers, because nothing is divided.
+    Clipping (Liang and Barsky, 1984) in any dimension, exact for fractions and integers because nothing is divided.
     """
     first, last = (0, 1), (1, 1)  # parameters along the segment, as (numerator, denominator)
     for p, q, a, b in zip(start, end, low, high, strict=True):
@@ -191,10 +194,10 @@ def segment_meets_block(start, end, low, high):
 
 
 def link_cells(wide, periodic_axes, corners=True):
-    """Return links ``(first, last, metres)`` between the True cells that a robot can pass, in cells of 1 m.
+    """Return links ``(first, last, metres)`` between neighbouring True cells of 1 m.
 
-    Two neighbours are linked if all cells touched on the way are True. Links pass corners, or only sides, and the seam
-    of periodic axes. Only the shortest link between two cells counts.
+    Two neighbours are linked if all cells touched on the way are True. Links cross sides, corners if ``corners``, and
+    the seam of periodic axes. Only the shortest link between two cells counts.
     """
 
     numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
@@ -226,16 +229,16 @@ def to_graph(links, size):
 
 
 def turns_between(yaw0, yaw1, turn, slack=0):
-    """Return the signed angle of the shorter rotation between yaws; both angles if they are equal or nearly so."""
+    """Return the shorter signed angles between yaws; two angles if equal within ``slack``."""
     ahead = (yaw1 - yaw0) % turn
     return [way for way in (ahead, ahead - turn) if 2 * abs(way) <= turn + 2 * slack]
 
 
 def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
-    """Return the cells ``(rotation, x, y(, z))`` that an edge ``(x, y(, z), yaw)`` meets.
+    """Return the cells ``(rotation, x, y(, z))`` that an edge meets.
 
-    The edge is linear, with the shorter rotation. Rotation cells repeat with every turn. Exact for the numbers as they
-    are; ``slack`` widens the cells.
+    The edge ``(x, y(, z), yaw)`` is linear, with the shorter rotation. Rotation cells repeat with every turn. Exact for
+    the given floats; ``slack`` widens the cells.
     """
     (h, slack), corner, borders = units((spacing, slack)), units(lower), units(borders)
     whole = borders[-1] - borders[0]
@@ -271,7 +274,7 @@ MAX_ORACLE_PAIRS = 400_000
 
 
 def chunks(count, partners):
-    """Split ``count`` items into slices of at most ``MAX_ORACLE_PAIRS`` pairs with ``partners`` others."""
+    """Split ``count`` items, with ``partners`` each, into slices of bounded size."""
     size = max(1, MAX_ORACLE_PAIRS // max(partners, 1))
     return [slice(first, first + size) for first in range(0, count, size)]
 
@@ -283,7 +286,7 @@ def box_gaps(low, high, other_low, other_high):
 
 
 def distance_to_triangles(points, triangles):
-    """Return distances from points (n, 3) to the nearest of triangles (m, 3, 3)."""
+    """Return distances of points (n, 3) from triangles (m, 3, 3)."""
     low, high, distances = triangles.min(axis=1), triangles.max(axis=1), np.empty(len(points))
     for chunk in chunks(len(points), len(triangles)):
         batch = points[chunk]
@@ -319,7 +322,7 @@ def _distance_to_segment(points, start, end):
 
 
 def winding_numbers(points, triangles):
-    """Return winding numbers of closed triangles, by solid angles (van Oosterom and Strackee, 1983)."""
+    """Sum solid angles to winding numbers (van Oosterom and Strackee, 1983)."""
     numbers = np.empty(len(points), dtype=int)
     for chunk in chunks(len(points), len(triangles)):
         a, b, c = np.moveaxis(triangles - points[chunk, None, None], 2, 0)

@@ -11,5 +11,5 @@ def node(viewer: Viewer, name: str) -> Any:
 
 
 def setting(control: Any, value: float) -> dict[str, Any]:
-    """Return the message that a browser sends to set a control of viser."""
+    """Return the browser's message that sets a control."""
     return {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": {"value": value}}

@@ -16,7 +16,7 @@ COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, c
 
 
 def block() -> Workspace:
-    """Return a walled workspace of 8 m by 5 m with a block: x 5 to 6.5, y 1 to 2."""
+    """Build walls of 8 m by 5 m around a block, x 5 to 6.5, y 1 to 2."""
     sides = np.s_[[0, -1], :], np.s_[:, [0, -1]]
     return Workspace.from_array(fill_boxes((80, 50), *sides, np.s_[50:65, 10:20]), 0.1)
 
@@ -27,7 +27,7 @@ def yard(robot: Robot) -> CSpace:
 
 
 def rendered(ax: Any, *, arranged: bool = False) -> NDArray[np.uint8]:
-    """Render a figure; return pixels, shape (height, width, 3), first row at the bottom.
+    """Render a figure to pixels (height, width, 3), first row at the bottom.
 
     Unless ``arranged``, the layout is not computed, and legends and texts are hidden.
     """
@@ -70,7 +70,7 @@ def check_within(figure: Any, *boxes: Any) -> None:
 
 
 def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
-    """Return the legend entry of a cell with these states at the shown yaws."""
+    """Return the legend entry of a cell with these states."""
     best = min(states)
     if occupied:
         return "obstacle, free for the reference point" if best == FREE else "obstacle"
@@ -80,7 +80,7 @@ def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
 def check_cells(
     space: CSpace, ax: Any, image: NDArray[np.uint8], cells: NDArray[np.int64], rotations: Sequence[Any]
 ) -> set[str]:
-    """Check the colours of cells of a plane map; return their legend entries."""
+    """Check the colours of cells; return their legend entries."""
     seen = set()
     for cell in cells:
         x, y = space.grid.center_of(cell)

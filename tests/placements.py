@@ -42,7 +42,7 @@ def draw_configurations(space, rng, n, far=False):
 
 
 def draw_quaternions(rotations, rng, n):
-    """Draw unit quaternions of either sign, many on or near boundaries of cells."""
+    """Draw unit quaternions, many on or near boundaries of cells."""
     borders = np.asarray(rotations.borders)
     quotients = rng.choice(borders, (n, 3)) + rng.choice([0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-6, -1e-6], (n, 3))
     quotients = np.where(rng.random((n, 3)) < 0.5, quotients, np.tan(rng.uniform(-np.pi / 4, np.pi / 4, (n, 3))))
@@ -64,6 +64,6 @@ def obstacles_of(space):
 
 
 def collides(space, q, obstacles=None):
-    """Test if a polygonal robot meets obstacles, by default the obstacles of its map."""
+    """Test if a polygonal robot meets obstacles, by default its map's."""
     robot = Shape([space.robot.geometry], np.empty((0, 2)), np.empty(0))
     return robot.meets([obstacles_of(space)] if obstacles is None else obstacles, q, 0.0)

@@ -60,12 +60,12 @@ ROOMS: dict[str, Any] = {
 
 
 def options_for(drive: str | None) -> dict[str, Any]:
-    """Return the options of a plan with a drive; a car gets its turning radius."""
+    """Return the options of a drive, with a turning radius for cars."""
     return ({} if drive is None else {"drive": drive}) | (CAR if drive in CURVES else {})
 
 
 def compile_for(seconds: float) -> None:
-    """Pretend that numba compiles a function of the planners for some seconds."""
+    """Pretend to compile a function of the planners for some seconds."""
     with trigger_event("numba:compile", {"dispatcher": SimpleNamespace(py_func=planners.plan)}):
         time.sleep(seconds)
 
@@ -87,12 +87,12 @@ def open_map(name: str) -> CSpace:
 
 
 def with_state(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
-    """Build a map of cell states, whose first axis is the rotation if ``turns`` is given."""
+    """Build a map of states (x, ...), or (rotation, x, ...) if ``turns`` is given."""
     return map_of(state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED)
 
 
 def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
-    """Build two FREE halves and a wall between; return a configuration in each half."""
+    """Build two FREE halves around a wall; return a configuration in each."""
     turns = {"turning": 12, "yawing": 12, "floating": Rotations.quaternions(2)}.get(name)
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
     state = np.full((len(Rotations.of(turns)), *cells), FREE, dtype=np.uint8)
@@ -142,7 +142,7 @@ def along_edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.nd
 def along_edges(
     space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return configurations (n, shares, size) along straight edges, and rotations (n,) in radians."""
+    """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
     dim = space.grid.dim
     places = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
     if "qw" in space.axes:
@@ -163,7 +163,7 @@ def turn_between(first: Any, second: Any) -> Any:
 
 @cache
 def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
-    """Return the lower corners of outermost cells that are not FREE, and a tree of their centers."""
+    """Return lower corners and a tree of centers of boundary cells that are not FREE."""
     shut = space.cell_states != FREE
     border = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
     corners = np.array(space.grid.lower) + space.grid.spacing * border
@@ -171,7 +171,7 @@ def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
 
 
 def least_distance(space: CSpace, points: np.ndarray) -> float:
-    """Return the distance of points to the exterior or a cell that is not FREE."""
+    """Return the distance of points to cells that are not FREE."""
     lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), boundary_corners(space)
     least = float(np.minimum(points - lower, upper - points).min())
     if len(corners):
@@ -198,7 +198,7 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
 
 
 def plan_patiently(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
-    """Plan with growing time limits and new seeds until a path is found."""
+    """Plan with growing time limits until a path is found."""
     for seed, limit in enumerate(limits, 1):
         plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
         if plan.solved:

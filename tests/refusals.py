@@ -1,4 +1,4 @@
-"""Tables of refusals: one row for each refused argument and part of its message."""
+"""Tables of refused arguments and their messages."""
 
 from typing import Any
 
@@ -6,5 +6,5 @@ import pytest
 
 
 def refusals(names: str, *rows: tuple[Any, ...]) -> pytest.MarkDecorator:
-    """Parametrize a test by rows; the last value, part of the message, is the id."""
+    """Parametrize a test by rows whose last value, part of a message, is the id."""
     return pytest.mark.parametrize(names, [pytest.param(*row, id=str(row[-1])) for row in rows])

@@ -47,23 +47,23 @@ def meet(one: Any, other: Any) -> bool:
 
 
 def apart(one: Any, others: Any) -> float:
-    """Return the distance to the nearest of others: 0 if they meet, infinite without others."""
+    """Return the distance to the nearest of others, 0 in collision."""
     return float(min((0.0 if meet(one, each) else fcl.distance(one, each) for each in others), default=np.inf))
 
 
 def within(low: Any, high: Any, sides: Any, at: Any, turn: Any) -> float:
-    """Return how far a box is inside bounds; negative if a corner is outside."""
+    """Return the depth of a box inside bounds; negative outside."""
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * sides @ np.transpose(turn) + at
     return float(np.minimum(corners - low, np.asarray(high) - corners).min())
 
 
 def turn_of(q: Any) -> Any:
-    """Return the rotation of a configuration with a yaw, a quaternion or neither."""
+    """Return the rotation of a configuration in space."""
     return Rotation.from_quat(q[3:]) if len(q) == 7 else Rotation.from_rotvec([0.0, 0.0, q[3] if len(q) > 3 else 0.0])
 
 
 class ArmOracle:
-    """Boxes of an arm's links, placed by yourdfpy, among fixed solids with names.
+    """Boxes of an arm's links, posed by yourdfpy, among fixed solids.
 
     Pairs of names in ``allowed`` may touch.
     """
@@ -81,7 +81,7 @@ class ArmOracle:
         self._reach = np.array([solid.radius for solid in self._solids])[self._pairs].sum(axis=1)
 
     def apart(self, q: Any) -> float:
-        """Return the minimum distance of pairs that may not touch; 0 in collision."""
+        """Return the minimum distance of pairs that may not touch."""
         values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
         self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
         poses = {link: self._urdf.get_transform(link) for link in {link for link, *_ in self._parts}}

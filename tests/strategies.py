@@ -1,4 +1,4 @@
-"""Hypothesis strategies for robots, bitmaps and rotation cells."""
+"""Hypothesis strategies for exteriors, robots, bitmaps and rotation cells."""
 
 import math
 
@@ -10,6 +10,10 @@ from hypothesis.extra import numpy as hnp
 from cspace import Robot
 
 seeds = st.integers(0, 2**32 - 1)
+exteriors = st.sampled_from(["blocked", "free"])
+L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
+"""Corners of an asymmetric robot, in metres."""
+
 ALIGNED_CELL_SIDE = 0.15
 """Side of the cells that some solid robots are aligned with, in metres."""
 
@@ -93,7 +97,7 @@ def rotation_cells(draw, max_cells=12):
 
 @st.composite
 def solid_robots(draw, size=0.4):
-    """Draw solid robots except meshes, with their boxes and balls (lower, upper, radius)."""
+    """Draw solid robots and their boxes and balls (lower, upper, radius)."""
     kind = draw(st.sampled_from(["ball", "box", "balls", "cells"]))
     rng = np.random.default_rng(draw(seeds))
     center = rng.uniform(-1, 1, 3) * size

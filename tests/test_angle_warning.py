@@ -1,4 +1,4 @@
-"""An angle beyond a whole turn is used as radians, with a warning at the user's line."""
+"""Warnings about angles beyond a whole turn, at the user's line."""
 
 import math
 import warnings
@@ -13,13 +13,13 @@ import pytest
 import cspace
 import planners
 from cspace import AngleWarning, CSpace, Robot, Workspace
+from handmade import make_joint_map
 from planners.states import kind_of
-from test_periodic_axes import made
 
 Call = Callable[[CSpace, tuple[float, ...]], object]
 
 FREE_Q = 1.0, 1.0, 0.5
-CALLS: dict[str, tuple[str, Call]] = {
+ANGLE_CALLS: dict[str, tuple[str, Call]] = {
     "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
     "goal": ("goal", lambda space, q: planners.plan(space, FREE_Q, q)),
     "classify": ("q", lambda space, q: space.classify(q)),
@@ -45,24 +45,24 @@ def turning() -> CSpace:
     return cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12)
 
 
-def heard(call: Callable[[], object]) -> list[warnings.WarningMessage]:
-    """Return the warnings of a call, as Python prints them by default."""
+def catch_warnings(call: Callable[[], object]) -> list[warnings.WarningMessage]:
+    """Return the warnings of a call that Python prints by default."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         call()
     return caught
 
 
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("call", ANGLE_CALLS)
 def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
-    name, ask = CALLS[call]
+    name, ask = ANGLE_CALLS[call]
 
     def repeat() -> None:
         for yaw in (90.0, -180.0, 7.0):
             ask(turning(), (1.0, 1.0, yaw))
 
-    heard(repeat)  # compiling at the first call resets Python's registry of warnings
-    (warning,) = heard(repeat)
+    catch_warnings(repeat)  # compiling at the first call resets Python's registry of warnings
+    (warning,) = catch_warnings(repeat)
     assert warning.category is AngleWarning and warning.filename == __file__
     message = (
         f"{name}: yaw is beyond a whole turn; angles are in radians, and whole turns are ignored; use numpy.radians"
@@ -70,13 +70,13 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
     assert str(warning.message).startswith(message)
 
 
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("call", ANGLE_CALLS)
 def test_angles_up_to_a_whole_turn_do_not_warn(call: str) -> None:
     for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
-        assert not heard(lambda yaw=yaw: CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
+        assert not catch_warnings(lambda yaw=yaw: ANGLE_CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
 
 
-def test_batches_and_callbacks_are_not_checked() -> None:
+def test_batches_and_callbacks_do_not_warn() -> None:
     space, q = turning(), (1.0, 1.0, 90.0)
     si = planners.simple_setup(space).getSpaceInformation()
     state = si.allocState()
@@ -88,22 +88,22 @@ def test_batches_and_callbacks_are_not_checked() -> None:
         lambda: space.edge_checker()(*q, *q),
         lambda: planners.StateValidityChecker(si, space).isValid(state),
     ):
-        assert not heard(ask)
+        assert not catch_warnings(ask)
 
 
-def test_a_map_in_a_store_warns_too(tmp_path: Path) -> None:
+def test_a_tiled_map_warns(tmp_path: Path) -> None:
     workspace = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
     tiled = cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12, store=tmp_path / "m", tile=16)
     for ask in (lambda: tiled.is_free((1.0, 1.0, 90.0)), lambda: planners.plan(tiled, (1.0, 1.0, 90.0), FREE_Q)):
-        (warning,) = heard(ask)
+        (warning,) = catch_warnings(ask)
         assert warning.category is AngleWarning and warning.filename == __file__
 
 
-def test_only_continuous_joints_are_checked() -> None:
-    space = made(np.zeros((8, 6), dtype=np.uint8), (True, False), 8)
-    (warning,) = heard(lambda: space.is_free((90.0, 0.0)))
+def test_only_continuous_joints_warn() -> None:
+    space = make_joint_map(np.zeros((8, 6), dtype=np.uint8), (True, False), 8)
+    (warning,) = catch_warnings(lambda: space.is_free((90.0, 0.0)))
     assert "q: a is beyond a whole turn" in str(warning.message)
-    (warning,) = heard(lambda: planners.plan(space, (0.0, 0.0), (90.0, 0.0)))
+    (warning,) = catch_warnings(lambda: planners.plan(space, (0.0, 0.0), (90.0, 0.0)))
     assert "goal: a is beyond a whole turn" in str(warning.message)
     plane: Any = cspace.build(Workspace.from_array(np.zeros((300, 9), dtype=bool), 1.0), Robot.disc(0.1))
-    assert not heard(lambda: plane.is_free((90.0, 4.0)))
+    assert not catch_warnings(lambda: plane.is_free((90.0, 4.0)))

@@ -1,4 +1,4 @@
-"""Maps agree with their definition on tiny grids, and with shapely, pyclipper and manifold3d; laws of maps hold."""
+"""Builds of maps: definition, independent geometry, laws, options and refusals."""
 
 import itertools
 import math
@@ -22,17 +22,16 @@ from cspace.engines.slices import slice_rasters
 from cspace.rotations.base import TWO_PI
 from oracles import overlaps_by_shifts
 from refusals import refusals
-from strategies import robots, seeds, solid_robots, stars
+from strategies import L_SHAPE, exteriors, robots, seeds, solid_robots, stars
 from tests.soak.plane import place_polygon
 
-H = 0.15
-POLICIES = st.sampled_from(["blocked", "free"])
-L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
+CELL_SIDE = 0.15
+"""Spacing of the maps, in metres."""
 
 
 @st.composite
 def problems(draw, size=0.25, side=(9, 7)):
-    """Draw outer and inner cells, and a robot, in the plane or in space."""
+    """Draw outer cells, inner cells and a robot in the plane or in space."""
     dim = draw(st.integers(2, 3))
     shape = draw(st.tuples(*[st.integers(1, side[dim - 2])] * dim))
     outer, part = (draw(hnp.arrays(np.bool_, shape)) for _ in range(2))
@@ -41,43 +40,42 @@ def problems(draw, size=0.25, side=(9, 7)):
 
 
 @settings(max_examples=60)
-@given(problems(), st.sampled_from([None, None, 1, 3, 4, 6, "any way"]), POLICIES, st.sampled_from([0.0, 0.03]))
+@given(problems(), st.sampled_from([None, None, 1, 3, 4, 6, "any way"]), exteriors, st.sampled_from([0.0, 0.03]))
 def test_states_match_the_definition(problem, rotations, outside, margin):
-    """Sum the overlaps of each slice shift by shift; engines and options change no state."""
+    # Engines and options change no state.
     outer, inner, robot = problem
     if rotations == "any way":
         rotations = Rotations.quaternions(2) if outer.ndim == 3 else None
-    workspace = Workspace.from_array(outer, H, inner=inner)
+    workspace = Workspace.from_array(outer, CELL_SIDE, inner=inner)
     options = {"rotations": rotations, "outside": outside, "margin": margin}
     counted = cspace.build(workspace, robot, counts=True, **options)
-    cells, wanted = np.argwhere(np.ones_like(outer)), np.empty_like(counted._kernel_map.states)
-    rasters = slice_rasters(robot, H, margin, counted.rotations)
+    cells, expected = np.argwhere(np.ones_like(outer)), np.empty_like(counted._kernel_map.states)
+    rasters = slice_rasters(robot, CELL_SIDE, margin, counted.rotations)
     for number, cell in zip(*np.unique(counted._kernel_map.slice_of, return_index=True), strict=True):
         far, near = rasters[number]
         touches = overlaps_by_shifts(outer, far, outside == "blocked")
         lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
-        wanted[number] = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
-        assert (counted.overlap_counts.reshape(wanted.shape)[number] == touches).all()
+        expected[number] = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
+        assert (counted.overlap_counts.reshape(expected.shape)[number] == touches).all()
         center = np.broadcast_to(counted.rotations.centers[cell], (len(cells), len(counted.rotations.names)))
         q = np.column_stack([counted.grid.center_of(cells), center])
         assert counted.overlap_count(q).tolist() == touches.ravel().tolist()
-    assert (counted._kernel_map.states == wanted).all()
+    assert (counted._kernel_map.states == expected).all()
     for method in ("fft", "direct"):
-        assert (cspace.build(workspace, robot, method=method, **options)._kernel_map.states == wanted).all()
+        assert (cspace.build(workspace, robot, method=method, **options)._kernel_map.states == expected).all()
     bare = cspace.build(workspace, robot, inner=False, **options)
-    assert (bare._kernel_map.states == np.minimum(wanted, MIXED)).all()
+    assert (bare._kernel_map.states == np.minimum(expected, MIXED)).all()
 
 
 @settings(max_examples=25)
-@example(  # an inner obstacle cell, but no BLOCKED cell: no offset is a whole number of cells and in this thin robot
+@example(  # The robot is so thin that it contains no lattice point, so an inner cell blocks no cell.
     np.array([(0.1, 0.1), (-0.3, 0.3), (0.2, 0.0)]), np.array([(-0.308, -0.044), (0.412, -0.765), (0.939, 0.0)])
 )
 @given(stars(0.5), stars(1.0))
 def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
-    """FREE cells lie outside the Minkowski sum computed by pyclipper in integers, BLOCKED cells inside.
+    """Compare FREE and BLOCKED cells with the Minkowski sum of pyclipper in integers.
 
-    A cell is BLOCKED if the robot, with its reference point in the cell, covers a point of an inner cell of the
-    obstacle by the same offset, a whole number of cells along each axis.
+    A cell k must be BLOCKED if the robot contains the lattice point of an offset m and cell k + m lies in the obstacle.
     """
     scale, h = 2**20, 0.11
     space = cspace.build(
@@ -87,7 +85,7 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     )
     paths = [np.rint(part * scale).astype(int).tolist() for part in (-np.asarray(robot), np.asarray(obstacle))]
     pieces = [shapely.Polygon(np.divide(path, scale)) for path in pyclipper.MinkowskiSum(paths[0], paths[1], True)]
-    # MinkowskiSum sweeps the border; the interiors join where one vertex of the robot covers the whole obstacle.
+    # MinkowskiSum sweeps only the border; adding the obstacle at each robot vertex fills the interior.
     whole = [shapely.Polygon(np.asarray(obstacle) - vertex) for vertex in np.asarray(robot)]
     exact = shapely.union_all([piece.buffer(0) for piece in pieces] + whole)
     exact = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(exact)])
@@ -102,29 +100,33 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
 
 
-@pytest.mark.filterwarnings("ignore:the robot's mesh is")  # farther from its origin than it is wide
+@pytest.mark.filterwarnings("ignore:the robot's mesh is")  # the mesh may lie far from its origin
 @settings(max_examples=20)
-@given(seeds, POLICIES, st.sampled_from([0.0, 0.1]), st.booleans())
+@given(seeds, exteriors, st.sampled_from([0.0, 0.1]), st.booleans())
 def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin, as_mesh):
-    """The oracle intersects footprints with shapely and compares heights, also at boundaries of rotation cells."""
+    # The oracle intersects footprints with shapely and compares heights.
     rng = np.random.default_rng(seed)
     occupied = rng.random((10, 9, 6)) < rng.choice([0.01, 0.04])
     extents, middle = rng.uniform(0.1, 0.9, 3), rng.uniform(-0.3, 0.3, 3) * rng.integers(0, 2)
     box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
     robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, middle)
     space = cspace.build(
-        Workspace.from_array(occupied, H), robot, rotations=int(rng.integers(1, 20)), outside=outside, margin=margin
+        Workspace.from_array(occupied, CELL_SIDE),
+        robot,
+        rotations=int(rng.integers(1, 20)),
+        outside=outside,
+        margin=margin,
     )
     q = rng.uniform([-0.3] * 3 + [-7.0], [*(np.array(space.grid.upper) + 0.3), 7.0], (400, 4))
-    q[:, :3] = np.where(rng.random((400, 3)) < 0.3, H * np.rint(q[:, :3] / H), q[:, :3])
+    q[:, :3] = np.where(rng.random((400, 3)) < 0.3, CELL_SIDE * np.rint(q[:, :3] / CELL_SIDE), q[:, :3])
     q[:, 3] = np.where(rng.random(400) < 0.3, rng.choice(space.rotations.borders, 400), q[:, 3])
     low, high = middle - extents / 2, middle + extents / 2
     footprint = shapely.box(*low[:2], *high[:2])
     footprints = place_polygon(footprint, q[:, [0, 1, 3]])
     gap = np.full(len(q), np.inf)
-    for cell in H * np.argwhere(occupied):
-        flat = shapely.distance(footprints, shapely.box(*cell[:2], *(cell[:2] + H)))
-        up = np.maximum(np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - H), 0.0)
+    for cell in CELL_SIDE * np.argwhere(occupied):
+        flat = shapely.distance(footprints, shapely.box(*cell[:2], *(cell[:2] + CELL_SIDE)))
+        up = np.maximum(np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - CELL_SIDE), 0.0)
         gap = np.minimum(gap, np.hypot(flat, up))
     if outside == "blocked":
         walls = shapely.bounds(footprints)
@@ -142,13 +144,13 @@ def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin
 
 @settings(max_examples=15)
 @given(seeds, seeds)
-def test_convex_pairs_agree_with_the_exact_minkowski_sum(first, second):
-    """FREE cells lie outside manifold3d's sum of the obstacle and the reflected robot, BLOCKED cells inside."""
+def test_states_of_convex_solids_agree_with_their_minkowski_sum(first, second):
+
     rng = np.random.default_rng([first, second])
     h = 0.25
     robot, obstacle = (rng.uniform(-1, 1, (int(rng.integers(4, 12)), 3)) * rng.uniform(0.4, 1.3, 3) for _ in range(2))
     hulls = [manifold3d.Manifold.hull_points(points) for points in (-robot, obstacle)]
-    made = [cspace_mesh(hull) for hull in (manifold3d.Manifold.hull_points(robot), hulls[1])]
+    made = [to_mesh(hull) for hull in (manifold3d.Manifold.hull_points(robot), hulls[1])]
     workspace = Workspace.from_mesh(made[1], h, (-4, -4, -4, 4, 4, 4))
     space = cspace.build(workspace, Robot.from_mesh(made[0]), outside="free")
     total = minkowski_sum(*hulls)
@@ -160,17 +162,22 @@ def test_convex_pairs_agree_with_the_exact_minkowski_sum(first, second):
     assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
     # MIXED cells form a thin band along the boundary of the sum.
     middles = lower[space.cell_states == MIXED] + h / 2
-    assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(3) * h + thin(robot) + thin(obstacle)
+    assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(3) * h + inscribed_radius(
+        robot
+    ) + inscribed_radius(obstacle)
 
 
-def cspace_mesh(solid):
+def to_mesh(solid):
     mesh = solid.to_mesh()
     return np.asarray(mesh.vert_properties[:, :3], np.float64), np.asarray(mesh.tri_verts, np.int64)
 
 
 def minkowski_sum(first, second):
-    """Return the Minkowski sum of convex solids; qhull's volume detects errors of manifold3d 3.5 in one order."""
-    points = [cspace_mesh(solid)[0] for solid in (first, second)]
+    """Return the Minkowski sum of convex solids.
+
+    The volume by qhull detects errors of manifold3d 3.5, which depend on the order of the solids.
+    """
+    points = [to_mesh(solid)[0] for solid in (first, second)]
     volume = ConvexHull((points[0][:, None] + points[1]).reshape(-1, 3)).volume
     sums = [first.minkowski_sum(second), second.minkowski_sum(first)]
     right = [solid for solid in sums if abs(solid.volume() - volume) < 1e-5 * volume]
@@ -179,13 +186,13 @@ def minkowski_sum(first, second):
 
 
 def depth(solid, points):
-    """Return the depth of points in a convex solid, along the nearest face's normal; negative outside."""
-    planes = ConvexHull(cspace_mesh(solid)[0]).equations
+    """Return the depth of points in a convex solid; negative outside."""
+    planes = ConvexHull(to_mesh(solid)[0]).equations
     return -(points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
 
 
-def thin(points):
-    """Return the radius of the largest ball inside a convex hull."""
+def inscribed_radius(points):
+    """Return an upper bound of the inscribed radius of a convex hull."""
     hull = ConvexHull(points)
     return 3.0 * hull.volume / hull.area
 
@@ -193,7 +200,7 @@ def thin(points):
 @settings(max_examples=30)
 @given(problems(0.3), st.sampled_from([None, 5, "any way"]), st.integers(-3, 3), st.data())
 def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, data):
-    """More obstacles or margin never free a cell; the map of a union of obstacles is the maximum of the maps."""
+
     first, second, robot = problem
     second = np.roll(second, 1, axis=0)
     if rotations == "any way":
@@ -217,7 +224,7 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
 
 @settings(max_examples=20)
 @given(robots(0.4), st.sampled_from([4, 8, 12]), seeds)
-def test_quarter_turn_of_the_workspace_turns_the_map(robot, count, seed):
+def test_a_quarter_turn_of_the_workspace_rotates_the_map(robot, count, seed):
     occupied = np.random.default_rng(seed).random((9, 12)) < 0.1
     state = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count).cell_states
     # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
@@ -226,27 +233,29 @@ def test_quarter_turn_of_the_workspace_turns_the_map(robot, count, seed):
 
 
 @settings(max_examples=12)
-@given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, POLICIES)
+@given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, exteriors)
 def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, outside):
-    """Test quarter turns about z for yaw maps, and half turns about each axis for maps with all rotations."""
+    # Yaw maps get quarter turns about z; maps with all rotations get half turns about each axis.
     occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
-    space = cspace.build(Workspace.from_array(occupied, H), body[0], rotations=rotations, **options)
+    space = cspace.build(Workspace.from_array(occupied, CELL_SIDE), body[0], rotations=rotations, **options)
     cells, yaws = space.rotations, len(space.rotations.names) == 1
     for axis in (2,) if yaws else (0, 1, 2):
         turn = Rotation.from_rotvec((math.pi / 2 if yaws else math.pi) * np.eye(3)[axis])
         # Entry [x, y, z] of the turned array is the entry at the inverse rotation of [x, y, z].
         turned = [part.swapaxes(-3, -2) if yaws else part for part in (occupied, space.cell_states)]
         flips = (-3,) if yaws else tuple({-3, -2, -1} - {axis - 3})
-        world, wanted = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
-        states = cspace.build(Workspace.from_array(world, H), body[0], rotations=rotations, **options).cell_states
+        world, expected = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
+        states = cspace.build(
+            Workspace.from_array(world, CELL_SIDE), body[0], rotations=rotations, **options
+        ).cell_states
         images = (np.arange(8) + 2) % 8 if yaws else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
-        assert (states[images] == wanted).all()
+        assert (states[images] == expected).all()
 
 
 @pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])
 @pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
 def test_slices_built_together_equal_separate_builds(count, size):
-    """For any number of slices per transform, counts match sums of raster rows and states match single-slice maps."""
+
     occupied = np.random.default_rng(4).random((60, 50)) < 0.02
     workspace, robot = Workspace.from_array(occupied, 0.1), Robot.polygon(size * np.array(L_SHAPE))
     space = cspace.build(workspace, robot, rotations=count, method="fft")
@@ -259,7 +268,7 @@ def test_slices_built_together_equal_separate_builds(count, size):
         yaw = np.full(len(cells), space.rotations.centers[:, 0][k])
         q = np.column_stack([space.grid.center_of(cells), yaw])
         assert (counted.overlap_count(q) == counted.overlap_counts[k].ravel()).all()
-        others = np.append(borders[k : k + 2], borders[k] + TWO_PI)  # this cell, and all others as one
+        others = np.append(borders[k : k + 2], borders[k] + TWO_PI)  # one cell for all other rotations
         assert (cspace.build(workspace, robot, rotations=others).cell_states[0] == space.cell_states[k]).all()
 
 
@@ -280,7 +289,7 @@ def test_build_handles_thin_empty_and_full_maps_and_giant_robots(shape, fill, ra
 
 
 def test_wall_example_has_the_documented_states():
-    """A disc of radius 0.3 on cells of 0.1: FREE from four cells off the wall, BLOCKED up to two."""
+    # A disc of radius 0.29 on cells of 0.1 is FREE from four cells off the wall, BLOCKED up to two.
     occupied = np.zeros((21, 3), dtype=bool)
     occupied[10] = True
     row = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free").cell_states[:, 1]
@@ -291,7 +300,7 @@ def test_wall_example_has_the_documented_states():
     "robot", [Robot.disc(0.5), Robot.rectangle(0.9, 0.6), Robot.polygon([(-0.5, -0.4), (0.6, -0.3), (0.0, 0.7)])]
 )
 def test_the_mixed_band_is_thin(robot):
-    """Grid maps, convex robots: no MIXED cell is more than three king's moves from a BLOCKED one."""
+    # No MIXED cell is more than three king's moves from a BLOCKED cell.
     rng = np.random.default_rng(3)
     occupied = np.zeros((200, 160), dtype=bool)
     for x, y in rng.integers(0, 150, (30, 2)):
@@ -342,7 +351,7 @@ def test_build_accepts_a_shape_as_robot(shape, robot):
     np.testing.assert_array_equal(Robot("named", shape).shape.bounds, robot.shape.bounds)
 
 
-WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
+SMALL_WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
 
 
 @refusals(
@@ -364,7 +373,7 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
     ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions but the workspace has 3"),
 )
 def test_build_rejects_invalid_arguments(arguments, message):
-    options = {"workspace": WORKSPACE, "robot": Robot.disc(0.1), **arguments}
+    options = {"workspace": SMALL_WORKSPACE, "robot": Robot.disc(0.1), **arguments}
     with pytest.raises(InputError, match=message):
         cspace.build(options.pop("workspace"), options.pop("robot"), **options)
 

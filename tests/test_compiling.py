@@ -1,4 +1,4 @@
-"""Compiled functions: log, cache and invalidation."""
+"""Compiled functions: log, cache, invalidation and privacy."""
 
 import ast
 import json
@@ -21,7 +21,7 @@ import planners
 from cspace import compiling
 from cspace.compiling import clock, digest_sources, is_private, jit
 
-CODE = """
+LOOK_UP_SCRIPT = """
 import logging
 import sys
 import numpy as np
@@ -39,16 +39,16 @@ if "numba.np.linalg" in sys.modules:
     print("numba has imported all that it could compile")
 print(cspace.__file__, *answers)
 """
-LINE = "INFO cspace.compiling: compiling cspace.map.points, once per machine"
-IMPORTED = "numba has imported all that it could compile"
+POINTS_LINE = "INFO cspace.compiling: compiling cspace.map.points, once per machine"
+NUMBA_LINE = "numba has imported all that it could compile"
 
 
-def looked_up(folder: Path, **environment: str) -> list[str]:
-    """Return the lines that a first look-up prints and logs, with the package from a folder."""
+def run_look_up(folder: Path, **environment: str) -> list[str]:
+    """Query a map with the package in a folder; return its output."""
     others = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     env = {**others, "PYTHONPATH": str(folder), **environment}
     done = subprocess.run(
-        [sys.executable, "-c", CODE], env=env, cwd=folder, capture_output=True, text=True, check=False
+        [sys.executable, "-c", LOOK_UP_SCRIPT], env=env, cwd=folder, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -57,26 +57,26 @@ def looked_up(folder: Path, **environment: str) -> list[str]:
     return lines[:-1]
 
 
-def test_the_log_names_each_compiled_module_and_no_cached_one(tmp_path: Path) -> None:
+def test_the_log_names_compiled_modules_but_not_cached_ones(tmp_path: Path) -> None:
     root = Path(cspace.__file__).parents[1]
-    first, second = (looked_up(root, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
-    assert LINE in first and len(set(first)) == len(first)
-    assert first.pop() == IMPORTED
+    first, second = (run_look_up(root, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
+    assert POINTS_LINE in first and len(set(first)) == len(first)
+    assert first.pop() == NUMBA_LINE
     assert all(line.startswith("INFO cspace.compiling: compiling cspace.") for line in first)
     assert second == []
 
 
-def test_an_installation_that_may_not_be_written_works_without_a_cache(tmp_path: Path) -> None:
-    """No folder can be made beside the modules or in the home, even by the superuser."""
+def test_a_read_only_installation_works_without_a_cache(tmp_path: Path) -> None:
+    # Files named __pycache__ keep even the superuser from making cache folders.
     package = tmp_path / "cspace"
     shutil.copytree(Path(cspace.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     for folder in (package, *(entry for entry in package.rglob("*") if entry.is_dir())):
         (folder / "__pycache__").write_text("in the way")
     homeless = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR", "IPYTHONDIR"), os.devnull)
-    assert LINE in looked_up(tmp_path, **homeless)
+    assert POINTS_LINE in run_look_up(tmp_path, **homeless)
 
 
-# ---- what was compiled stays true ------------------------------------------------------------------------------------
+# ---- invalidation ----------------------------------------------------------------------------------------------------
 
 CALLEE = """
 from typing import NamedTuple
@@ -107,7 +107,7 @@ def later(record: Record) -> float:
     return record.raised()
 """
 
-RUN = """
+RUN_PROBES = """
 import importlib.util, sys
 for name in ("callee", "caller"):
     spec = importlib.util.spec_from_file_location(f"cspace.probe_{name}", f"{folder}/{name}.py")
@@ -116,7 +116,7 @@ for name in ("callee", "caller"):
 print(module.answer(module.Record(1.0)), sum(module.answer.stats.cache_hits.values()), flush=True)
 """
 
-FORKS = f"""
+PROBE_SERVER = f"""
 import json, os, sys
 import numba
 import cspace.compiling
@@ -128,23 +128,23 @@ for line in sys.stdin:
         continue
     os.environ.update(environment)
     numba.core.config.reload_config()
-    exec({RUN!r})
+    exec({RUN_PROBES!r})
     os._exit(0)
 """
-"""Runs the probes in processes that have imported numba, and compiled nothing of ours."""
+"""Run the probes in forks of a process that has imported numba but compiled none of our functions."""
 
 
 @pytest.fixture(scope="module")
 def forks() -> Iterator[subprocess.Popen[str]]:
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with subprocess.Popen([sys.executable, "-c", FORKS], text=True, **pipes) as process:
+    with subprocess.Popen([sys.executable, "-c", PROBE_SERVER], text=True, **pipes) as process:
         yield process
         assert process.communicate()[0] == ""
 
 
 @pytest.fixture
 def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[float, int]]:
-    """Return the results of the probes in a new process, and the number of cache hits."""
+    """Return a function that runs the probes: result and cache hits."""
 
     def answered(added: str | None = None, **environment: str) -> tuple[float, int]:
         if added is not None:
@@ -159,7 +159,7 @@ def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[flo
 
 
 def test_a_function_is_recompiled_when_a_callee_changes(run: Callable[..., tuple[float, int]]) -> None:
-    """The callee may be indirect, defined below its caller, or a method of a record."""
+    # The callee may be indirect, defined below its caller, or a method of a record.
     assert run("2.0") == (3.0, 0)
     assert run("40.0") == (41.0, 0)
     assert run() == (41.0, 1)
@@ -189,7 +189,7 @@ def test_the_clock_stops_while_a_function_is_compiled_or_refused() -> None:
 
 
 def test_a_digest_covers_every_module_that_a_module_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An edit changes the digests of all modules that import the edited one, and no others."""
+    # An edit changes the digests of the module and its importers only.
 
     def digests() -> list[str]:
         compiling._source.cache_clear()
@@ -211,7 +211,7 @@ def test_a_digest_covers_every_module_that_a_module_imports(tmp_path: Path, monk
 
 
 def test_no_field_of_a_record_has_the_name_of_a_compiled_method() -> None:
-    """Compiled code would use the field instead of the method."""
+    # Compiled code would use the field instead of the method.
     fields, methods = set[str](), set[str]()
     for file in [each for package in (cspace, planners) for each in Path(package.__file__).parent.rglob("*.py")]:
         for record in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -223,7 +223,7 @@ def test_no_field_of_a_record_has_the_name_of_a_compiled_method() -> None:
     assert not fields & methods
 
 
-# ---- what was compiled is the user's own -----------------------------------------------------------------------------
+# ---- privacy ---------------------------------------------------------------------------------------------------------
 
 
 class Harm:
@@ -237,24 +237,26 @@ class Harm:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
-def test_folders_that_others_may_write_are_never_read(tmp_path: Path, run: Callable[..., tuple[float, int]]) -> None:
+def test_cache_folders_that_others_may_write_are_not_read(
+    tmp_path: Path, run: Callable[..., tuple[float, int]]
+) -> None:
     cache, harm = tmp_path / "kept", tmp_path / "harm"
-    where = {"NUMBA_CACHE_DIR": str(cache), "HOME": os.devnull, "XDG_CACHE_HOME": os.devnull}
+    environment = {"NUMBA_CACHE_DIR": str(cache), "HOME": os.devnull, "XDG_CACHE_HOME": os.devnull}
     (tmp_path / "__pycache__").write_text("in the way")
-    assert run("2.0", **where) == (3.0, 0)
-    assert run(**where) == (3.0, 1)
+    assert run("2.0", **environment) == (3.0, 0)
+    assert run(**environment) == (3.0, 1)
     (folder,) = cache.iterdir()
     for index in cache.rglob("*.nbi"):
         index.write_bytes(pickle.dumps(Harm(harm)))
     for place, mode in ((folder, 0o1757), (cache, 0o777)):
         before = place.stat().st_mode
         place.chmod(mode)
-        assert run(**where) == (3.0, 0)
+        assert run(**environment) == (3.0, 0)
         assert not harm.exists()
         place.chmod(before)
-    assert run(**where) == (3.0, 0)
-    assert harm.exists()  # the user's own files are read, and useless ones compiled again
-    assert run(**where) == (3.0, 1)
+    assert run(**environment) == (3.0, 0)
+    assert harm.exists()  # private files are read, and unusable files compiled again
+    assert run(**environment) == (3.0, 1)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
@@ -271,13 +273,13 @@ def test_a_folder_of_another_user_is_not_private(tmp_path: Path, monkeypatch: py
 def test_damaged_or_exchanged_cache_files_are_compiled_again(
     tmp_path: Path, run: Callable[..., tuple[float, int]]
 ) -> None:
-    where = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
-    assert run("2.0", **where) == (3.0, 0)
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    assert run("2.0", **environment) == (3.0, 0)
     for ending in ("nbi", "nbc"):
         for file in (tmp_path / "kept").rglob(f"*.{ending}"):
             file.write_bytes(file.read_bytes()[:99])
-        assert run(**where) == (3.0, 0)
+        assert run(**environment) == (3.0, 0)
     codes = sorted((tmp_path / "kept").rglob("*answer*.nbc")) + sorted((tmp_path / "kept").rglob("*helper*.nbc"))
     shutil.copy(codes[1], codes[0])
-    assert run(**where) == (3.0, 0)
-    assert run(**where) == (3.0, 1)
+    assert run(**environment) == (3.0, 0)
+    assert run(**environment) == (3.0, 1)

@@ -1,4 +1,4 @@
-"""Each imported package is declared in pyproject.toml, with bounds."""
+"""Declarations of imported packages in pyproject.toml."""
 
 import ast
 import re
@@ -6,20 +6,17 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from importlib.metadata import packages_distributions
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 
-import cspace
+from repository import ROOT, SOURCES
 
-ROOT = Path(cspace.__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 REQUIREMENTS = [text for texts in (PROJECT["dependencies"], *EXTRAS.values()) for text in texts]
-FILES = sorted(file for package in ("cspace", "planners") for file in (ROOT / package).rglob("*.py"))
 BROUGHT_BY_USER = {"h5py"}
-"""Packages whose objects a user passes in, and which are imported only then."""
+"""Packages that are imported only if a user passes their objects."""
 
 
 def normalize(name: str) -> str:
@@ -27,7 +24,7 @@ def normalize(name: str) -> str:
 
 
 def distributions(texts: list[str]) -> set[str]:
-    """Return the names of the required distributions; `dask[distributed]` requires distributed too."""
+    """Return the names of required distributions, extras such as `dask[distributed]` included."""
     requirements = [Requirement(text) for text in texts]
     return {normalize(name) for found in requirements for name in (found.name, *found.extras)}
 
@@ -41,7 +38,7 @@ def walk_runtime(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def imported_packages(tree: ast.AST) -> set[str]:
-    """Return the top-level packages that code imports, without Python's own and ours."""
+    """Return the packages that code imports, except Python's and ours."""
     names = set()
     for node in walk_runtime(tree):
         if isinstance(node, ast.Import):
@@ -53,7 +50,7 @@ def imported_packages(tree: ast.AST) -> set[str]:
 
 
 def optional_packages(tree: ast.AST) -> dict[str, str]:
-    """Return the extra for each package that code imports with `import_optional(package, use, extra)`."""
+    """Return the extra of each package imported with `import_optional(package, use, extra)`."""
     calls = [
         node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "import_optional"
     ]
@@ -63,7 +60,7 @@ def optional_packages(tree: ast.AST) -> dict[str, str]:
 def test_every_imported_package_is_declared() -> None:
     installed, required = packages_distributions(), distributions(PROJECT["dependencies"])
     undeclared = []
-    for file in FILES:
+    for file in SOURCES.values():
         tree = ast.parse(file.read_text(encoding="utf-8"))
         extras = set(optional_packages(tree).values())
         declared = required | distributions([text for extra in extras for text in EXTRAS[extra]])
@@ -76,7 +73,7 @@ def test_every_imported_package_is_declared() -> None:
 
 
 def test_extras_contain_the_packages_that_code_imports() -> None:
-    for file in FILES:
+    for file in SOURCES.values():
         for package, extra in optional_packages(ast.parse(file.read_text(encoding="utf-8"))).items():
             assert normalize(package) in distributions(EXTRAS[extra]), f"{file.name}: {package}, {extra}"
 

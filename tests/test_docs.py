@@ -1,6 +1,6 @@
-"""The code of the README, of the documentation's pages and of docstrings runs as it stands.
+"""Code in the README, the documentation and docstrings.
 
-Each page has a folder of its own. Blocks marked ``python`` and ``console`` run; ``sh`` and ``py`` mark what needs a
+Pages run in separate folders. Blocks marked ``python`` and ``console`` run; blocks marked ``sh`` and ``py`` need a
 network or other machines.
 """
 
@@ -19,31 +19,25 @@ import pytest
 import zarr
 from PIL import Image
 
-import cspace
 from commands import run
 from cspace.demo import write_inputs
 from cspace.plot import animate
 from cspace.plot.picture import save_figure
 from planners import Plan, plan
-from test_imports import LEVELS
+from repository import ROOT, SOURCES
+from test_imports import ROOM_LEVELS
 
-ROOT = Path(cspace.__file__).parents[1]
-BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+CODE_BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PAGES = {
-    str(page.relative_to(ROOT)): BLOCK.findall(page.read_text(encoding="utf-8"))
+    str(page.relative_to(ROOT)): CODE_BLOCK.findall(page.read_text(encoding="utf-8"))
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 }
-WITH_CODE = [name for name, blocks in PAGES.items() if blocks]
-WITH_EXAMPLES = [
-    ".".join(file.relative_to(ROOT).with_suffix("").parts)
-    for package in ("cspace", "planners")
-    for file in sorted((ROOT / package).rglob("*.py"))
-    if ">>> " in file.read_text(encoding="utf-8")
-]
+PAGES_WITH_CODE = [name for name, blocks in PAGES.items() if blocks]
+MODULES_WITH_EXAMPLES = [name for name, file in SOURCES.items() if ">>> " in file.read_text(encoding="utf-8")]
 
 
 def write_files(folder: Path) -> None:
-    """What the code of pages reads: the demo's inputs, a ROS map of 8 m by 6 m, and the cells of a field."""
+    """Write the inputs of pages."""
     (folder / "cspace-demo").mkdir()
     write_inputs(folder / "cspace-demo")
     pixels = np.full((120, 160), 254, np.uint8)
@@ -56,12 +50,11 @@ def write_files(folder: Path) -> None:
     zarr.create_array(folder / "occupied.zarr", data=field, config={"write_empty_chunks": True})
 
 
-@pytest.mark.parametrize("page", WITH_CODE)
+@pytest.mark.parametrize("page", PAGES_WITH_CODE)
 def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blocks of Python share their names, and blocks of commands the folder; those of the command line begin with none.
+    """Run the blocks of a page in one namespace and one folder, empty for cli.md.
 
-    Pictures are small, and short ones; nothing is arranged in them. Planners that always take all of their time have
-    little.
+    For speed, pictures are small and without layout, animations are short, and anytime planners have 0.1 s.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
@@ -81,12 +74,12 @@ def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.
 
 
 def save_small(draw: Callable[[], Any], file: str, overwrite: bool, dpi: float) -> Path:
-    def drawn() -> Any:
+    def draw_without_layout() -> Any:
         figure = draw()
-        figure.set_layout_engine(None)  # or it is drawn twice
+        figure.set_layout_engine(None)  # otherwise it is draw_without_layout twice
         return figure
 
-    return save_figure(drawn, file, overwrite, dpi=30.0)
+    return save_figure(draw_without_layout, file, overwrite, dpi=30.0)
 
 
 def plan_briefly(*arguments: Any, **options: Any) -> Plan:
@@ -107,7 +100,7 @@ def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_names_files_that_exist(page: str) -> None:
+def test_files_that_a_page_names_exist(page: str) -> None:
     text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     named = re.findall(r"`((?:cspace|planners|tests|benchmarks|docs|examples)/[\w/.]+)`", text)
     linked = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text) if ":" not in link]
@@ -115,12 +108,12 @@ def test_a_page_names_files_that_exist(page: str) -> None:
     assert [str(file) for file in files if not file.exists()] == []
 
 
-def test_the_architecture_page_has_every_room() -> None:
+def test_the_architecture_page_lists_every_room() -> None:
     page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     rooms = {
         name.strip("/") for row in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE) for name in row.split("`")[1::2]
     }
-    assert rooms == {name.removeprefix("cspace.") for name in LEVELS}
+    assert rooms == {name.removeprefix("cspace.") for name in ROOM_LEVELS}
 
 
 def test_the_pictures_of_concepts_can_be_drawn(tmp_path: Path) -> None:
@@ -129,12 +122,12 @@ def test_the_pictures_of_concepts_can_be_drawn(tmp_path: Path) -> None:
     assert {file.name for file in tmp_path.iterdir()} == {
         file.name for file in (ROOT / "docs" / "pictures").glob("*.png")
     }
-    assert {room for _, rooms, _ in names["FLOORS"] for room in rooms} <= {name.split(".")[-1] for name in LEVELS}
+    assert {room for _, rooms, _ in names["FLOORS"] for room in rooms} <= {name.split(".")[-1] for name in ROOM_LEVELS}
 
 
-@pytest.mark.parametrize("module", WITH_EXAMPLES)
+@pytest.mark.parametrize("module", MODULES_WITH_EXAMPLES)
 def test_the_examples_of_docstrings_run(module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    failed, tried = doctest.testmod(import_module(module.removesuffix(".__init__")))
+    failed, tried = doctest.testmod(import_module(module))
     assert tried
     assert not failed

@@ -1,4 +1,4 @@
-"""Errors are one line that names the argument, also if arguments are exchanged."""
+"""Error messages: one line that names the argument."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from cspace import InputError, Robot, Workspace
 from cspace.errors import MAX_PROBLEM_CHARACTERS
 from refusals import refusals
 
-CELLS = np.zeros((40, 30), dtype=bool)
-POINTS = np.random.default_rng(0).random((3000, 2)).tolist()
+NO_OBSTACLES = np.zeros((40, 30), dtype=bool)
+MANY_POINTS = np.random.default_rng(0).random((3000, 2)).tolist()
 
 
 @pytest.fixture(scope="module")
 def space():
-    return cspace.build(Workspace.from_array(CELLS, 0.1), Robot.disc(0.2))
+    return cspace.build(Workspace.from_array(NO_OBSTACLES, 0.1), Robot.disc(0.2))
 
 
 @refusals(
@@ -27,11 +27,11 @@ def space():
     ),
     (lambda space: planners.plan(space, space.robot, (9, 1)), "start is Robot(disc 0.2 m, in the plane); "),
     (lambda space: cspace.build(space.robot, space.workspace), "workspace is a Robot; it must be a Workspace; "),
-    (lambda space: cspace.build(CELLS, space.robot), "workspace is a ndarray; it must be a Workspace; call "),
+    (lambda space: cspace.build(NO_OBSTACLES, space.robot), "workspace is a ndarray; it must be a Workspace; call "),
     (lambda space: cspace.build(space.workspace, "disc:0.3"), "robot is a str; it must be a Robot; call "),
-    (lambda space: Workspace.from_array(0.1, CELLS), "spacing is array([[False, "),
-    (lambda space: Workspace.from_array(CELLS, (0, 0), 0.1), "spacing is (0, 0); it must be one number "),
-    (lambda space: Workspace.from_points(0.1, POINTS), "spacing is [["),
+    (lambda space: Workspace.from_array(0.1, NO_OBSTACLES), "spacing is array([[False, "),
+    (lambda space: Workspace.from_array(NO_OBSTACLES, (0, 0), 0.1), "spacing is (0, 0); it must be one number "),
+    (lambda space: Workspace.from_points(0.1, MANY_POINTS), "spacing is [["),
     (lambda space: Workspace.from_mesh(0.1, "house.stl"), "spacing is 'house.stl'; "),
     (lambda space: Workspace.from_image(0.1, "map.png"), "path is 0.1; it must be a file name; "),
     (lambda space: Robot.disc((0, 0), 0.3), "radius is (0, 0); it must be one number above zero; "),
@@ -52,26 +52,26 @@ def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):
     assert len(message) < MAX_PROBLEM_CHARACTERS + 200
 
 
-LARGE = 10**400
+HUGE_INTEGER = 10**400
 
 
 @pytest.mark.parametrize(
     "call",
     [
-        lambda space: space.is_free([LARGE, 1]),
-        lambda space: space.is_free([[1, 1], [1, -LARGE]], exact=True),
-        lambda space: space.clearance([LARGE, 1]),
-        lambda space: space.is_connected([LARGE, 1], [1, 1]),
-        lambda space: space.motion_is_free([1, 1], [1, LARGE]),
-        lambda space: space.nearest_free([LARGE, 1]),
-        lambda space: space.sample_free(LARGE),
-        lambda space: space.update([[1]], (LARGE, 0)),
-        lambda space: space.grid.center_of([LARGE, 1]),
-        lambda space: planners.plan(space, (LARGE, 1), (1, 1)),
-        lambda space: cspace.build(space.workspace, Robot.rectangle(0.2, 0.1), rotations=LARGE),
-        lambda space: Robot.disc(LARGE),
-        lambda space: Workspace.from_mesh(([[0, 0, LARGE], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 0.1),
-        lambda space: Workspace.from_mesh(([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [[0, 1, LARGE]]), 0.1),
+        lambda space: space.is_free([HUGE_INTEGER, 1]),
+        lambda space: space.is_free([[1, 1], [1, -HUGE_INTEGER]], exact=True),
+        lambda space: space.clearance([HUGE_INTEGER, 1]),
+        lambda space: space.is_connected([HUGE_INTEGER, 1], [1, 1]),
+        lambda space: space.motion_is_free([1, 1], [1, HUGE_INTEGER]),
+        lambda space: space.nearest_free([HUGE_INTEGER, 1]),
+        lambda space: space.sample_free(HUGE_INTEGER),
+        lambda space: space.update([[1]], (HUGE_INTEGER, 0)),
+        lambda space: space.grid.center_of([HUGE_INTEGER, 1]),
+        lambda space: planners.plan(space, (HUGE_INTEGER, 1), (1, 1)),
+        lambda space: cspace.build(space.workspace, Robot.rectangle(0.2, 0.1), rotations=HUGE_INTEGER),
+        lambda space: Robot.disc(HUGE_INTEGER),
+        lambda space: Workspace.from_mesh(([[0, 0, HUGE_INTEGER], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 0.1),
+        lambda space: Workspace.from_mesh(([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [[0, 1, HUGE_INTEGER]]), 0.1),
     ],
 )
 def test_integers_beyond_floats_are_refused_in_a_line(space, call):
@@ -91,8 +91,8 @@ def test_integers_beyond_floats_are_refused_in_a_line(space, call):
         (lambda space: cspace.build(space.workspace, space.robot, margin=-1), "margin", -1),
         (lambda space: cspace.build(space.workspace, space.robot, rotations=0), "rotations", 0),
         (lambda space: Workspace.from_array([[0, 2]], 0.1), "occupied[0, 1]", 2),
-        (lambda space: Workspace.from_array(CELLS, 0.1, lower=(0, 0, 0)), "lower", (0, 0, 0)),
-        (lambda space: Workspace.from_array(CELLS, 0.1, lower=(0, np.inf)), "lower[1]", np.inf),
+        (lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, 0, 0)), "lower", (0, 0, 0)),
+        (lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, np.inf)), "lower[1]", np.inf),
         (lambda space: space.is_free((1, "x")), "q", (1, "x")),
         (lambda space: space.is_free((1, 2, 3)), "q", (1, 2, 3)),
         (lambda space: space.certify_path([1, 1]), "path", [1, 1]),

@@ -1,4 +1,4 @@
-"""Examples and tutorials write their pictures into files, with or without a display."""
+"""Pictures that examples and tutorials write to files."""
 
 import os
 import re
@@ -9,14 +9,13 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-import cspace
+from repository import ROOT
 
-ROOT = Path(cspace.__file__).parents[1]
-SCRIPTS = sorted(file for folder in ("examples", "tutorials") for file in (ROOT / folder).glob("*.py"))
-QUICK = ("packing", "robots", "sources")
+EXAMPLE_SCRIPTS = sorted(file for folder in ("examples", "tutorials") for file in (ROOT / folder).glob("*.py"))
+QUICK_EXAMPLES = ("packing", "robots", "sources")
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+@pytest.mark.parametrize("script", EXAMPLE_SCRIPTS, ids=lambda script: script.stem)
 def test_scripts_write_their_pictures_and_open_no_window(script: Path) -> None:
     text = script.read_text(encoding="utf-8")
     assert not re.search(r"\bplt\.show\(", text)
@@ -24,8 +23,8 @@ def test_scripts_write_their_pictures_and_open_no_window(script: Path) -> None:
         assert re.search(r"savefig\(|\.save\(", text)
 
 
-@pytest.mark.parametrize("name", QUICK)
-def test_example_without_display_says_which_picture_it_wrote(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", QUICK_EXAMPLES)
+def test_an_example_without_display_prints_the_name_of_its_picture(name: str, tmp_path: Path) -> None:
     environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "MPLBACKEND")}
     done = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", ROOT / "examples" / f"{name}.py"],

@@ -1,4 +1,4 @@
-"""Tests do not depend on new releases of other packages, nor on chance."""
+"""Independence of tests from other packages' warnings and from chance."""
 
 import importlib.util
 import sys
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
         (UserWarning, "collada.scene"),
         (DeprecationWarning, "collada.scene"),
         (RuntimeWarning, "scipy.optimize"),
-        (DeprecationWarning, "cspace.grid"),  # a numpy warning about a call in our code
+        (DeprecationWarning, "cspace.grid"),  # numpy warns so about calls in our code
         (FutureWarning, "planners.plan"),
     ],
 )
@@ -33,7 +33,7 @@ def test_warnings_in_our_code_fail_a_test(category, module):
 
 
 def draw_examples():
-    """Run a test with hypothesis and return what it drew."""
+    """Run a test with hypothesis; return its examples."""
     drawn = []
 
     @settings(max_examples=300)

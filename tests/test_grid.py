@@ -1,4 +1,4 @@
-"""Grids: cells, boundaries and refusals."""
+"""Grids: cells, boundaries, batches and refusals."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from cspace.check import check_count, check_word
 from refusals import refusals
 
 
-def test_a_grid_holds_plain_immutable_values():
+def test_a_grid_stores_plain_immutable_values():
     grid = Grid(np.array([1, 2]), np.float32(0.5), np.array([3, 4]))
     assert (grid.lower, grid.spacing, grid.shape) == ((1.0, 2.0), 0.5, (3, 4))
     assert (grid.upper, grid.dim, grid.size) == ((2.5, 4.0), 2, 12)
@@ -29,7 +29,7 @@ def test_boundaries_belong_to_the_cell_above_and_the_last_to_the_last_cell():
 
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
-def test_batches_of_any_shape_are_answered(batch):
+def test_batches_of_any_shape_keep_their_shape(batch):
     grid = Grid((-1, -1), 0.1, (20, 20))
     points = np.zeros((*batch, 2))
     assert grid.cell_of(points).shape == (*batch, 2)

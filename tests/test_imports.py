@@ -1,21 +1,14 @@
-"""Imports are acyclic, and no package imports from a package above it."""
+"""Order of imports: acyclic, and from upper to lower packages only."""
 
 import ast
 import subprocess
 import sys
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
-from importlib.util import find_spec
-from pathlib import Path
 from pkgutil import resolve_name
 from typing import NamedTuple
 
-FOLDERS = [Path(str(spec.origin)).parent for name in ("cspace", "planners") if (spec := find_spec(name))]
-FILES = {
-    ".".join(file.relative_to(folder.parent).with_suffix("").parts).removesuffix(".__init__"): file
-    for folder in FOLDERS
-    for file in folder.rglob("*.py")
-}
+from repository import SOURCES
 
 ORDER = [
     "cspace",  # the public names
@@ -42,15 +35,15 @@ ORDER = [
     "cspace.grid",
     "cspace.arrays cspace.check cspace.compiling cspace.errors cspace.kernels cspace.threads",
 ]
-"""Rooms from top to bottom; a room is a folder or a module, and those on one line may import each other."""
+"""Rooms from top to bottom: folders or modules; rooms on one line may import each other."""
 
-LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
+ROOM_LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
 
-DELEGATES = ast.parse(FILES["cspace.shown"].read_text(encoding="utf-8"))
-"""The module whose methods resolve functions of rooms above it by name."""
+DELEGATES = ast.parse(SOURCES["cspace.shown"].read_text(encoding="utf-8"))
+"""Syntax tree of the module whose methods resolve functions of upper rooms by name."""
 
-STUBS = ast.parse(FILES["cspace.shown"].with_suffix(".pyi").read_text(encoding="utf-8"))
-"""Types of these methods."""
+STUBS = ast.parse(SOURCES["cspace.shown"].with_suffix(".pyi").read_text(encoding="utf-8"))
+"""Syntax tree of the stubs of ``DELEGATES``."""
 
 
 class Import(NamedTuple):
@@ -62,41 +55,44 @@ class Import(NamedTuple):
 
 
 def room(module: str) -> str:
-    """Return the room of a module."""
+    """Return the folder or module of the order that contains a module."""
     return module.partition(".")[0] if module.startswith("planners") else ".".join(module.split(".")[:2])
 
 
 def imports(module: str) -> Iterator[Import]:
-    """Yield the imports of a module, including those in functions and for type checkers."""
-    for node in ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))):
+    """Yield all imports of a module, also for type checkers."""
+    for node in ast.walk(ast.parse(SOURCES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (Import(module, node.lineno, alias.name) for alias in node.names if alias.name in FILES)
+            yield from (Import(module, node.lineno, alias.name) for alias in node.names if alias.name in SOURCES)
         elif isinstance(node, ast.ImportFrom):
             assert not node.level, f"{module} imports by a relative name"
             for alias in node.names:
                 if alias.name == "__version__":
                     continue
                 inner = f"{node.module}.{alias.name}"
-                imported = inner if inner in FILES else str(node.module)
-                if imported in FILES:
+                imported = inner if inner in SOURCES else str(node.module)
+                if imported in SOURCES:
                     yield Import(module, node.lineno, imported)
 
 
-def test_imports_form_no_circle() -> None:
-    graph = {module: {other.imported for other in imports(module)} - {module} for module in FILES}
-    assert len(list(TopologicalSorter(graph).static_order())) == len(FILES)
+def test_imports_are_acyclic() -> None:
+    graph = {module: {other.imported for other in imports(module)} - {module} for module in SOURCES}
+    assert len(list(TopologicalSorter(graph).static_order())) == len(SOURCES)
 
 
 def test_each_package_has_one_position_in_the_order() -> None:
-    assert {room(module) for module in FILES} == LEVELS.keys()
-    assert len(LEVELS) == sum(len(rooms.split()) for rooms in ORDER)
+    assert {room(module) for module in SOURCES} == ROOM_LEVELS.keys()
+    assert len(ROOM_LEVELS) == sum(len(rooms.split()) for rooms in ORDER)
 
 
 def test_imports_between_packages_point_down() -> None:
     upward = [
-        found for module in FILES for found in imports(module) if LEVELS[room(found.imported)] < LEVELS[room(module)]
+        found
+        for module in SOURCES
+        for found in imports(module)
+        if ROOM_LEVELS[room(found.imported)] < ROOM_LEVELS[room(module)]
     ]
-    assert not upward, "\n".join(f"{FILES[i.module]}:{i.line} imports {i.imported}" for i in upward)
+    assert not upward, "\n".join(f"{SOURCES[i.module]}:{i.line} imports {i.imported}" for i in upward)
 
 
 def test_delegates_resolve_to_functions() -> None:

@@ -1,4 +1,4 @@
-"""Lists that are kept in several places agree: formats, short texts of robots, public names, the version."""
+"""Lists in code and documentation: formats, robots, public names, the version."""
 
 import dataclasses
 import inspect
@@ -28,11 +28,11 @@ from cspace.files import points
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.spectral.decompose import BALL_READERS
 from cspace.store import MAP_SUFFIXES
+from repository import ROOT
 from tests.soak import files as soak
 
-ROOT = Path(cspace.__file__).parents[1]
 DOCS = ROOT / "docs"
-CODE = ("cspace", "planners", "tests", "benchmarks")
+CODE_FOLDERS = ("cspace", "planners", "tests", "benchmarks")
 SAME_CONTENT = {
     ".yml": ".yaml",
     ".json": ".geojson",
@@ -42,34 +42,34 @@ SAME_CONTENT = {
     ".txt": ".xyz",
     "": ".zarr",
 }
-"""Suffixes whose files are read by the same code as those of another suffix."""
+"""Suffixes whose files are read by the code of another suffix."""
 
 
-def quoted(text: str) -> list[str]:
-    """Return what stands between backticks, once or twice."""
+def find_quoted(text: str) -> list[str]:
+    """Return texts between single or double backticks."""
     return re.findall(r"`+([^`]+)`+", text)
 
 
-def table(page: str) -> list[list[str]]:
-    """Return the cells of the rows of all tables of a page."""
+def read_tables(page: str) -> list[list[str]]:
+    """Return the cells of all table rows of a page."""
     lines = (DOCS / page).read_text(encoding="utf-8").splitlines()
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
 
 
 def robot_hint() -> str:
-    """Return the hint that lists everything that describes a robot."""
+    """Return the hint that lists all descriptions of robots."""
     with pytest.raises(InputError) as caught:
         Robot.open("nothing")
     return str(caught.value.hint)
 
 
 def robot_forms() -> dict[str, str]:
-    """Return the form of each short text of a robot, such as RADIUS for disc."""
+    """Return the form of each short text, such as RADIUS for disc."""
     return dict(re.findall(r"(\w+):(\S+?)(?:, |$)", robot_hint()))
 
 
 def robot_suffixes() -> list[str]:
-    """Return the suffixes of the files that describe a robot."""
+    """Return the suffixes of robot files."""
     return re.findall(r"(?<!Robot)\.[a-z]\w*", robot_hint())
 
 
@@ -90,11 +90,11 @@ def test_every_reader_of_points_has_a_format() -> None:
 def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
     documented = {}
     for first, _, dimension, *_ in (
-        row for row in table("reference/files.md") if row[0].startswith("`.") and len(row) == 3
+        row for row in read_tables("reference/files.md") if row[0].startswith("`.") and len(row) == 3
     ):
-        documented |= dict.fromkeys(quoted(first), {"plane": 2, "space": 3, "either": None}[dimension])
+        documented |= dict.fromkeys(find_quoted(first), {"plane": 2, "space": 3, "either": None}[dimension])
     assert documented == {suffix: known.dimension for suffix, known in WORKSPACE_FORMATS.items()}
-    assert set(WORKSPACE_FORMATS) <= set(quoted(str(Workspace.open.__doc__)))
+    assert set(WORKSPACE_FORMATS) <= set(find_quoted(str(Workspace.open.__doc__)))
 
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
@@ -103,7 +103,7 @@ def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 
-def test_the_dimension_of_every_format_is_that_of_its_workspace(families: dict[str, Path]) -> None:
+def test_the_dimension_of_every_format_matches_its_workspace(families: dict[str, Path]) -> None:
     for name, path in families.items():
         opened: Any = soak.open_file(path)
         if isinstance(opened, Workspace):
@@ -117,12 +117,15 @@ def test_every_short_text_of_a_robot_is_documented() -> None:
     forms = robot_forms()
     assert "disc" in forms
     texts = {f"{kind}:{form}" for kind, form in forms.items()}
-    assert texts <= set(quoted(str(Robot.parse.__doc__)))
-    assert texts <= set(quoted((DOCS / "reference" / "cli.md").read_text(encoding="utf-8")))
+    assert texts <= set(find_quoted(str(Robot.parse.__doc__)))
+    assert texts <= set(find_quoted((DOCS / "reference" / "cli.md").read_text(encoding="utf-8")))
     described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
     assert [kind for kind in forms if f"{kind}:" not in described] == []
     examples = {
-        text for row in table("reference/robots.md") for text in quoted(row[0]) if text.partition(":")[0] in forms
+        text
+        for row in read_tables("reference/robots.md")
+        for text in find_quoted(row[0])
+        if text.partition(":")[0] in forms
     }
     assert {text.partition(":")[0] for text in examples} == set(forms)
     for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
@@ -130,7 +133,7 @@ def test_every_short_text_of_a_robot_is_documented() -> None:
 
 
 def test_every_file_of_a_robot_is_documented() -> None:
-    page = " ".join(quoted((DOCS / "reference" / "robots.md").read_text(encoding="utf-8")))
+    page = " ".join(find_quoted((DOCS / "reference" / "robots.md").read_text(encoding="utf-8")))
     docstring = str(Robot.open.__doc__)
     suffixes = set(robot_suffixes()) - {".yml"}
     assert ".stl" in suffixes
@@ -142,7 +145,7 @@ def test_every_file_of_a_robot_is_documented() -> None:
 
 @pytest.fixture(scope="module")
 def conf() -> dict[str, Any]:
-    """The configuration of the documentation, without Sphinx."""
+    """Run the configuration of the documentation without Sphinx."""
     gallery = {name: mock.MagicMock(ModuleType) for name in ("sphinx_gallery", "sphinx_gallery.scrapers")}
     gallery["sphinx_gallery.sorting"] = mock.MagicMock()
     gallery["sphinx_gallery.scrapers"].figure_rst = None
@@ -151,9 +154,9 @@ def conf() -> dict[str, Any]:
 
 
 def features() -> list[list[str]]:
-    """Return the names of each row of the features table, without commands."""
-    cells = (row[0] for row in table("reference/features.md"))
-    return [quoted(cell) for cell in cells if cell.startswith("`") and not cell.startswith("`cspace ")]
+    """Return the names in each row of the features table, except commands."""
+    cells = (row[0] for row in read_tables("reference/features.md"))
+    return [find_quoted(cell) for cell in cells if cell.startswith("`") and not cell.startswith("`cspace ")]
 
 
 def test_every_name_of_the_features_table_is_public(conf: dict[str, Any]) -> None:
@@ -164,7 +167,7 @@ def test_every_name_of_the_features_table_is_public(conf: dict[str, Any]) -> Non
 
 
 def test_every_public_function_is_in_the_features_table(conf: dict[str, Any]) -> None:
-    """Methods that the API leaves out are not public, nor are records and errors features."""
+    # Methods that the API leaves out are not public; records and errors are no features.
     known = {word for names in features() for name in names for word in re.findall(r"\w+", name)}
     classes = [conf["find"](name) for name in {*conf["OBJECTS"].values(), "cspace.TiledCSpace"}]
     missing = []
@@ -186,11 +189,11 @@ def test_every_public_function_is_in_the_features_table(conf: dict[str, Any]) ->
 
 # ---- the API page ----------------------------------------------------------------------------------------------------
 
-PACKAGES = (cspace, cspace.arms, cspace.plot, cspace.spectral, cspace.view, planners)
+PUBLIC_PACKAGES = (cspace, cspace.arms, cspace.plot, cspace.spectral, cspace.view, planners)
 
 
 def shown_in_api() -> dict[str, object]:
-    """Return each object of the API page by its full name."""
+    """Return the objects of the API page by full name."""
     package, shown = "", {}
     for line in (DOCS / "api.md").read_text(encoding="utf-8").splitlines():
         if line.startswith(".. currentmodule:: "):
@@ -201,7 +204,7 @@ def shown_in_api() -> dict[str, object]:
     return shown
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
+@pytest.mark.parametrize("package", PUBLIC_PACKAGES, ids=lambda package: package.__name__)
 def test_api_page_shows_every_public_name(package: Any) -> None:
     shown = list(shown_in_api().values())
     text = (DOCS / "api.md").read_text(encoding="utf-8")
@@ -214,14 +217,14 @@ def test_api_page_shows_every_public_name(package: Any) -> None:
 
 
 def test_api_page_shows_public_names_only() -> None:
-    public = {package.__name__: set(package.__all__) for package in PACKAGES}
+    public = {package.__name__: set(package.__all__) for package in PUBLIC_PACKAGES}
     for full in shown_in_api():
         package, _, name = full.rpartition(".")
         assert not name.startswith("_") and name in public.get(package, {name}), full
 
 
 def test_api_pages_show_every_public_method_of_a_class(conf: dict[str, Any]) -> None:
-    """Sphinx lists each public method that has a docstring and that docs/conf.py does not leave out."""
+    # Sphinx lists public methods with docstrings, except those left out by docs/conf.py.
     inside: dict[str, str] = conf["autosummary_context"]["inside"]
     left_out = {f"{kind}.{name}" for kind, names in inside.items() for name in names.split(", ")}
     methods = FunctionType, property, classmethod, staticmethod, cached_property
@@ -244,10 +247,10 @@ def test_api_pages_show_every_public_method_of_a_class(conf: dict[str, Any]) -> 
 
 
 def test_files_and_names_of_the_extending_page_exist() -> None:
-    named = set(quoted((DOCS / "extending.md").read_text(encoding="utf-8")))
+    named = set(find_quoted((DOCS / "extending.md").read_text(encoding="utf-8")))
     files = {name for name in named if re.fullmatch(r"[\w.]+/[\w./]*", name)}
     assert {name for name in files if not (ROOT / name).exists()} == set()
-    code = [file.read_text(encoding="utf-8") for folder in CODE for file in (ROOT / folder).rglob("*.py")]
+    code = [file.read_text(encoding="utf-8") for folder in CODE_FOLDERS for file in (ROOT / folder).rglob("*.py")]
     words = {word for text in code for word in re.findall(r"\w+", text)}
     names = {word for name in named if re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name) for word in name.split(".")}
     assert names - words == set()

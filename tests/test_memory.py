@@ -1,4 +1,4 @@
-"""Memory is checked before any work, within the limits of machine, container and process."""
+"""Memory checks before any work."""
 
 import math
 import subprocess
@@ -21,7 +21,7 @@ from cspace.limits import (
     time_text,
 )
 
-LIMITED = """
+LIMITED_MEMORY_SCRIPT = """
 import resource, psutil, cspace
 room = psutil.Process().memory_info().vms + 2**29
 resource.setrlimit(resource.RLIMIT_AS, (room, room))
@@ -34,11 +34,11 @@ except cspace.InputError as error:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are kept on Linux")
 def test_free_memory_respects_a_limit_of_the_process():
-    done = subprocess.run([sys.executable, "-c", LIMITED], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", LIMITED_MEMORY_SCRIPT], capture_output=True, text=True, check=True)
     assert "40000 x 40000 cells" in done.stdout and "needs about 3.2 GB" in done.stdout
 
 
-def test_work_that_does_not_fit_is_refused_with_a_spacing_that_would(monkeypatch):
+def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match=r"at most 950 MB may be used, 95% .* at least 0.11 m"):
@@ -62,7 +62,7 @@ def test_the_spacing_advised_for_a_workspace_fits_its_map(monkeypatch):
 @pytest.mark.parametrize(
     "rotations", [10**7, np.linspace(0, 2 * math.pi, 10**6)], ids=["a count of yaws", "borders of yaws"]
 )
-def test_build_refuses_more_yaws_than_there_may_be_at_once(tmp_path, rotations, store):
+def test_build_refuses_too_many_yaws_at_once(tmp_path, rotations, store):
     workspace, robot = cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1), cspace.Robot.rectangle(0.3, 0.1)
     options = {"store": tmp_path / "map.zarr"} if store else {}
     began = time.process_time()
@@ -74,7 +74,7 @@ def test_build_refuses_more_yaws_than_there_may_be_at_once(tmp_path, rotations, 
 @pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
 @pytest.mark.parametrize("kind", ["yaw", "quaternions"])
 def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, store):
-    """The map has a few cells, so its states take hardly any memory."""
+    # The map has a few cells, so its states take hardly any memory.
     if kind == "yaw":
         workspace, robot = (
             cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),
@@ -105,14 +105,14 @@ def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, sto
     ],
     ids=["car", "bar", "small box", "box"],
 )
-def test_the_memory_estimate_of_rasters_is_near_the_measured(robot, rotations, spacing):
+def test_the_memory_estimate_of_rasters_is_near_the_measurement(robot, rotations, spacing):
     pairs = slice_rasters(robot, spacing, 0.0, rotations)
     cells = sum(raster.cells.size for pair in pairs for raster in pair)
     needed = SLICE_BYTES * len(pairs) + RASTER_CELL_BYTES[robot.dim] * cells
     assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
 
 
-def test_labelling_that_does_not_fit_is_refused_before_it_begins(monkeypatch):
+def test_labelling_beyond_memory_is_refused_before_it_begins(monkeypatch):
     space = cspace.build(cspace.Workspace.from_array([[False] * 99] * 99, 0.1), cspace.Robot.disc(0.1), rotations=8)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 100)
     with pytest.raises(cspace.InputError, match=r"the map, to join its cells, .* use a spacing of at least"):

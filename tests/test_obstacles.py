@@ -1,4 +1,4 @@
-"""Named obstacles: maps after adding, moving and removing them equal a new build."""
+"""Named obstacles: equality with new builds, exact queries, copies and threads."""
 
 import copy
 import pickle
@@ -25,18 +25,18 @@ from tests.soak.plane import place_polygon
 from updates import OBSTACLE, SPACING, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 
-CART = shapely.box(1.83, 1.33, 2.21, 1.72)
+CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
 
 
 class Stage:
-    """A map with named obstacles, and a separate record of them."""
+    """A workspace with named obstacles, separate from the map that follows it."""
 
     def __init__(self, world: World) -> None:
         self.world, self.placed = world, dict[str, Shape]()
         self.low, self.size = np.array(world.lower), np.array(world.outer.shape) * SPACING
 
     def obstacle(self) -> tuple[Any, Any]:
-        """Draw a shape inside, across or far outside the grid, and the radius of its points."""
+        """Draw a shape, and the radius of its points."""
         rng, dim = self.world.rng, len(self.size)
         middle = self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
         sides = rng.uniform(0.1, 0.2 + 0.5 * self.size.max(), dim)
@@ -52,13 +52,13 @@ class Stage:
         return (box.vertices @ turn + middle, box.faces), None
 
     def step(self, space: cspace.CSpace) -> cspace.CSpace:
-        """Add, move or remove an obstacle, or update cells; return a new build."""
+        """Change an obstacle or cells; return a new build."""
         rng = self.world.rng
-        name, way = str(rng.choice(["cart", "dog", "door"])), rng.random()
-        if way < 0.25 and name in self.placed:
+        name, action = str(rng.choice(["cart", "dog", "door"])), rng.random()
+        if action < 0.25 and name in self.placed:
             space.remove_obstacle(name)
             del self.placed[name]
-        elif way < 0.4:
+        elif action < 0.4:
             cells, lower, inner = self.world.patch()
             space.update(cells, lower, inner=inner)
         else:
@@ -69,13 +69,13 @@ class Stage:
         return self.build()
 
     def build(self) -> cspace.CSpace:
-        world, still = self.world, self.world.workspace()
-        outer, inner = still.outer.copy(), still.inner.copy()
+        world, static = self.world, self.world.workspace()
+        outer, inner = static.outer.copy(), static.inner.copy()
         for shape in self.placed.values():
-            for mine, theirs in zip((outer, inner), shape.cells(still.grid), strict=True):
+            for mine, theirs in zip((outer, inner), shape.cells(static.grid), strict=True):
                 mine |= theirs
-        shapes = (*still.obstacles, *self.placed.values()) if self.placed else None
-        return cspace.build(Workspace(still.grid, outer, inner, shapes=shapes), world.robot, **world.options)
+        shapes = (*static.obstacles, *self.placed.values()) if self.placed else None
+        return cspace.build(Workspace(static.grid, outer, inner, shapes=shapes), world.robot, **world.options)
 
 
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def test_move_returns_the_changed_cells(rotations: int | None) -> None:
     space = room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
     space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
     space.add_obstacle("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
-    for corner in (0.62, 1.7, 2.31):  # overlapping, in reach of one robot, and not
+    for corner in (0.62, 1.7, 2.31):  # overlapping, within a robot's reach, and beyond
         before = space.cell_states.copy()
         update = space.add_obstacle("cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46))
         changed = np.argwhere(space.cell_states != before)
@@ -121,13 +121,13 @@ def test_move_returns_the_changed_cells(rotations: int | None) -> None:
 
 
 def test_obstacles_leave_workspace_polygons_unchanged() -> None:
-    """Exact queries use static and added shapes; a shape that an obstacle covers is exact again afterwards."""
+    # A shape that an obstacle covers is exact again after the obstacle is removed.
     wall, bounds = shapely.Point(1.0, 1.0).buffer(0.32), (0.0, 0.0, 4.0, 3.0)
     space = cspace.build(Workspace.from_polygons(wall, 0.1, bounds), Robot.disc(0.3))
     q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
     before = space.is_free(q, exact=True)
-    space.add_obstacle("cart", CART)
-    both = cspace.build(Workspace.from_polygons([wall, CART], 0.1, bounds), Robot.disc(0.3))
+    space.add_obstacle("cart", CART_BOX)
+    both = cspace.build(Workspace.from_polygons([wall, CART_BOX], 0.1, bounds), Robot.disc(0.3))
     np.testing.assert_array_equal(space.cell_states, both.cell_states)
     np.testing.assert_array_equal(space.is_free(q, exact=True), both.is_free(q, exact=True))
     space.remove_obstacle("cart")
@@ -161,8 +161,8 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
     unknown[:, 10:] = True
     workspace = Workspace(cspace.Grid((0, 0), 0.1, (40, 30)), unknown, unknown, unknown=unknown)
     space = cspace.build(workspace, Robot.disc(0.1))
-    space.add_obstacle("cart", CART)
-    cart = as_shape(CART).cells(workspace.grid)[0]
+    space.add_obstacle("cart", CART_BOX)
+    cart = as_shape(CART_BOX).cells(workspace.grid)[0]
     np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
     space.update(OBSTACLE, (0, 20))
     unknown[:4, 20:24] = False
@@ -179,7 +179,7 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
 def test_exact_queries_agree_with_shapely(rotations: int | None) -> None:
     rng, walls = np.random.default_rng(3), np.zeros((30, 30), dtype=bool)
     walls[3:6, 4:20] = True
-    still = shapely.union_all(
+    static = shapely.union_all(
         [shapely.box(*(0.1 * c), *(0.1 * c + 0.1)) for c in np.argwhere(walls).astype(float)]
         + [shapely.box(-9, -9, 9, 9).difference(shapely.box(0, 0, 3, 3))]
     )
@@ -190,14 +190,14 @@ def test_exact_queries_agree_with_shapely(rotations: int | None) -> None:
         cart = shapely.affinity.rotate(shapely.box(*corner, *np.add(corner, (0.7, 0.4))), float(rng.uniform(0, 90)))
         space.add_obstacle("cart", cart)
         space.add_obstacle("legs", spots, radius=0.08)
-        blocked = shapely.union_all([still, cart])
+        blocked = shapely.union_all([static, cart])
         q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[:, : space.size]
         shapely.prepare(blocked)
         bodies = place_polygon(body, q)
         from_spots = shapely.distance(bodies[:, None], shapely.points(spots)).min(axis=1) - 0.08
-        spare = np.minimum(shapely.distance(blocked, bodies), from_spots)
-        sure = (np.abs(spare) > 1e-6) | (spare == 0.0)
-        free, states, apart = space.is_free(q, exact=True)[sure], space.classify(q)[sure], spare[sure] > 0.0
+        gap = np.minimum(shapely.distance(blocked, bodies), from_spots)
+        sure = (np.abs(gap) > 1e-6) | (gap == 0.0)
+        free, states, apart = space.is_free(q, exact=True)[sure], space.classify(q)[sure], gap[sure] > 0.0
         np.testing.assert_array_equal(free, apart & (states != BLOCKED))
         assert apart[states == FREE].all() and not apart[states == BLOCKED].any()
 
@@ -223,10 +223,10 @@ def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
         q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
         for one, free in zip(q, space.is_free(q, exact=True), strict=True):
             placed = one[:3], solids.turn_of(one).as_matrix()
-            spare = solids.apart(solids.box(size, *placed), there)
-            spare = min(spare or -np.inf, solids.within(0.0, 2.4, size, *placed))
-            if abs(spare) > 1e-4:
-                assert free == (spare > 0.0)
+            gap = solids.apart(solids.box(size, *placed), there)
+            gap = min(gap or -np.inf, solids.within(0.0, 2.4, size, *placed))
+            if abs(gap) > 1e-4:
+                assert free == (gap > 0.0)
 
 
 # ---- accepted and rejected shapes ------------------------------------------------------------------------------------
@@ -279,9 +279,9 @@ def test_obstacles_accept_robots_and_specs() -> None:
     ("cart", "cube:0.3", None, "shape is 'cube:0.3'; it must be a short text, WKT, or a file"),
     ("cart", "ellipse:0.3", None, "RADIUS_X,RADIUS_Y must follow"),
     ("cart", cspace.arms.PosedShape(Robot.ball(0.3), np.eye(4)), None, "is a PosedShape"),
-    ("", CART, None, "non-empty"),
-    (3, CART, None, "non-empty"),
-    (None, CART, None, "non-empty"),
+    ("", CART_BOX, None, "non-empty"),
+    (3, CART_BOX, None, "non-empty"),
+    (None, CART_BOX, None, "non-empty"),
     ("cart", None, None, "a mesh is needed"),
     ("cart", 5, None, "a mesh is needed"),
     ("cart", OBSTACLE, None, "their size must be given"),
@@ -297,7 +297,7 @@ def test_obstacles_accept_robots_and_specs() -> None:
     ("cart", [(0.0, 0.0)], -0.1, "below zero"),
     ("cart", [(0.0, 0.0)], np.nan, "must be finite"),
     ("cart", [], 0.1, "n at least 1"),
-    ("cart", CART, 0.1, "must be numeric"),
+    ("cart", CART_BOX, 0.1, "must be numeric"),
     ("cart", [(0.0, 0.0, 1.0)], 0.1, "is in space"),
     ("cart", trimesh.creation.box((1, 1, 1)), None, "is in space"),
     ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
@@ -305,7 +305,7 @@ def test_obstacles_accept_robots_and_specs() -> None:
 )
 def test_rejected_obstacles_change_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
     space = room()
-    space.add_obstacle("cart", CART)
+    space.add_obstacle("cart", CART_BOX)
     state, shape = space.cell_states.copy(), space.obstacles["cart"]
     with pytest.raises(cspace.CspaceError, match=message):
         space.add_obstacle(name, obstacle, radius=radius)
@@ -317,7 +317,7 @@ def test_unknown_names_and_windows_are_rejected() -> None:
     space = room()
     with pytest.raises(InputError, match="there is no named obstacle"):
         space.remove_obstacle("cart")
-    space.add_obstacle("cart", CART)
+    space.add_obstacle("cart", CART_BOX)
     with pytest.raises(InputError, match="must be one of 'cart'"):
         space.remove_obstacle("dog")
     fill = cspace.Mesh.of(trimesh.creation.box((1, 1, 1)), "fill")
@@ -331,9 +331,9 @@ def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
     with pytest.raises(ConfigurationError, match="add_obstacle needs a map in memory"):
-        tiled.add_obstacle("cart", CART)
+        tiled.add_obstacle("cart", CART_BOX)
     with pytest.raises(ConfigurationError, match="window of a larger one"):
-        tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART)
+        tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART_BOX)
 
 
 # ---- copies, files, threads ------------------------------------------------------------------------------------------
@@ -342,7 +342,7 @@ def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
 def test_copies_keep_names_and_change_independently(again: Any) -> None:
     space, empty = room(), room()
-    space.add_obstacle("cart", CART)
+    space.add_obstacle("cart", CART_BOX)
     other = again(space)
     assert list(other.obstacles) == ["cart"]
     other.remove_obstacle("cart")
@@ -356,7 +356,7 @@ def test_copies_keep_names_and_change_independently(again: Any) -> None:
 
 def test_files_keep_obstacles_but_no_names(tmp_path: Path) -> None:
     space = room()
-    space.add_obstacle("cart", CART)
+    space.add_obstacle("cart", CART_BOX)
     space.save(tmp_path / "map.zarr")
     opened = cspace.open(tmp_path / "map.zarr")
     assert not opened.obstacles

@@ -1,4 +1,4 @@
-"""Maps that close in a circle, against cells that are counted modulo a turn, one by one."""
+"""Maps with periodic axes: seams, updates, obstacles, files and plans."""
 
 import copy
 import itertools
@@ -20,76 +20,49 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 import cspace
 import planners
-from cspace import FREE, MIXED, Grid, Workspace
+from cspace import FREE, MIXED
 from cspace.errors import InputError
 from cspace.map.components import BLOCK_SHIFTS, PeriodicComponents
-from cspace.map.contents import Contents
 from cspace.map.widest import Widest
 from cspace.plot import save_plot
-from cspace.robot import Robot
-from cspace.rotations import Rotations
 from cspace.rotations.base import shorter
-from cspace.shapes import Point
-from handmade import map_in
+from handmade import joint_maps, make_joint_map, map_in
 from maps import proven_paths
 from oracles import link_cells, segment_meets_block, to_graph
 from planners.states import kind_of
+from refusals import refusals
 
-TWO_PI = 2.0 * math.pi
-SPACES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
-
-
-def made(states: Any, periodic_axes: tuple[bool, ...], cells: int) -> cspace.CSpace:
-    """The map of some states, with so many cells around each circle."""
-    side = TWO_PI / cells
-    grid = Grid(np.where(periodic_axes, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
-    workspace = Workspace(grid, states != FREE, states > MIXED)
-    robot, rotations = Robot("arm", Point.at_origin(states.ndim)), Rotations.of(None)
-    slices = rotations._slices_for(robot.shape)
-    return cspace.CSpace(
-        Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), periodic_axes=periodic_axes)
-    )
+PERIODIC_AXES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
 
 
-@st.composite
-def maps(draw: st.DrawFn, periodic_axes: tuple[bool, ...]) -> tuple[cspace.CSpace, Any, np.random.Generator]:
-    """A map of random cells, denser or sparser; its states; and a generator."""
-    cells = draw(st.integers(3, 11 if len(periodic_axes) == 2 else 6))
-    shape = [cells if turns else draw(st.integers(1, 8 if len(periodic_axes) == 2 else 4)) for turns in periodic_axes]
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    share = draw(st.sampled_from([0.2, 0.4, 0.6]))
-    states = np.where(rng.random(shape) < share, rng.integers(1, 3, shape), 0).astype(np.uint8)
-    return made(states, periodic_axes, cells), states, rng
+def label_cells(states: Any, periodic_axes: tuple[bool, ...], worst: int) -> Any:
+    """Label components of cells up to a ``worst`` state; others get -1."""
+    graph = to_graph(link_cells(states <= worst, periodic_axes, corners=False), states.size)
+    return np.where(states <= worst, connected_components(graph, directed=False)[1].reshape(states.shape), -1)
 
 
-def joined(states: Any, periodic_axes: tuple[bool, ...], most: int) -> Any:
-    """A number for each cell of at most a state, the same for those that chains join, across seams too; or -1."""
-    graph = to_graph(link_cells(states <= most, periodic_axes, corners=False), states.size)
-    return np.where(states <= most, connected_components(graph, directed=False)[1].reshape(states.shape), -1)
-
-
-def drawn(space: cspace.CSpace, rng: np.random.Generator, n: int) -> Any:
-    """Configurations in the grid, or whole turns from there."""
+def draw_configurations(space: cspace.CSpace, rng: np.random.Generator, n: int) -> Any:
+    """Draw configurations in the grid, shifted by whole turns."""
     grid = space.grid
     inside = rng.uniform(grid.lower, grid.upper, (n, grid.dim))
-    return inside + TWO_PI * rng.integers(-3, 4, inside.shape) * space.periodic_axes
+    return inside + math.tau * rng.integers(-3, 4, inside.shape) * space.periodic_axes
 
 
-def cell(space: cspace.CSpace, q: Any) -> tuple[int, ...]:
-    """The cell of a configuration, the numbers of circles modulo a turn."""
+def cell_of(space: cspace.CSpace, q: Any) -> tuple[int, ...]:
+    """Return the cell of a configuration, wrapped along periodic axes."""
     place = np.floor((q - np.asarray(space.grid.lower)) / space.grid.spacing).astype(int)
     return tuple(np.where(space.periodic_axes, place % space.grid.shape, place).tolist())
 
 
-@pytest.mark.parametrize("periodic_axes", SPACES)
+@pytest.mark.parametrize("periodic_axes", PERIODIC_AXES)
 @settings(max_examples=6)
 @given(data=st.data())
 def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
-    space, states, rng = data.draw(maps(periodic_axes))
-    q = drawn(space, rng, 40)
-    at = [cell(space, each) for each in q]
+    space, states, rng = data.draw(joint_maps(periodic_axes))
+    q = draw_configurations(space, rng, 40)
+    at = [cell_of(space, each) for each in q]
     np.testing.assert_array_equal(space.classify(q), [states[each] for each in at])
-    free, passable = joined(states, periodic_axes, FREE), joined(states, periodic_axes, MIXED)
+    free, passable = label_cells(states, periodic_axes, FREE), label_cells(states, periodic_axes, MIXED)
     stays = space.motion_is_free(q, q)
     for one, other in itertools.pairwise(range(len(q))):
         same = free[at[one]] >= 0 and free[at[one]] == free[at[other]]
@@ -101,9 +74,9 @@ def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bo
             assert (len(path) > 0) == same
             if same:
                 np.testing.assert_allclose(path[0], q[one], atol=1e-9)
-                turns = (path[-1] - q[other]) / TWO_PI
+                turns = (path[-1] - q[other]) / math.tau
                 np.testing.assert_allclose(turns, np.rint(turns) * periodic_axes, atol=1e-9)
-                assert (np.abs(np.diff(path, axis=0))[:, list(periodic_axes)] < 0.5 * TWO_PI + 1e-9).all()
+                assert (np.abs(np.diff(path, axis=0))[:, list(periodic_axes)] < 0.5 * math.tau + 1e-9).all()
                 assert space.certify_path(path).all()
         if states[at[one]] == FREE:
             lower, upper = space.reachable_bounds(q[one])
@@ -112,14 +85,14 @@ def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bo
             assert (np.rint((upper - space.grid.lower) / space.grid.spacing) >= cells.max(axis=0) + 1).all()
 
 
-@pytest.mark.parametrize("periodic_axes", SPACES)
+@pytest.mark.parametrize("periodic_axes", PERIODIC_AXES)
 @settings(max_examples=4)
 @given(data=st.data())
-def test_edges_go_the_shorter_way(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
-    """An edge is free exactly where all cells that it touches are, counted modulo a turn and looked at one by one."""
-    space, states, rng = data.draw(maps(periodic_axes))
+def test_edges_take_the_shorter_direction(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
+    # An edge is free if and only if all cells that it touches are.
+    space, states, rng = data.draw(joint_maps(periodic_axes))
     grid = space.grid
-    q0, q1 = drawn(space, rng, 12), drawn(space, rng, 12)
+    q0, q1 = draw_configurations(space, rng, 12), draw_configurations(space, rng, 12)
     near = q0 + rng.normal(scale=0.7 * grid.spacing, size=q0.shape)
     q1[::2] = np.where(periodic_axes, near, np.clip(near, np.add(grid.lower, 1e-3), np.subtract(grid.upper, 1e-3)))[::2]
     answers = space.motion_is_free(q0, q1)
@@ -130,7 +103,7 @@ def test_edges_go_the_shorter_way(data: st.DataObject, periodic_axes: tuple[bool
     )
     for start, end, free in zip(q0, q1, answers, strict=True):
         step = end - start
-        step -= TWO_PI * np.round(step / TWO_PI) * periodic_axes
+        step -= math.tau * np.round(step / math.tau) * periodic_axes
         a, b = ((each - grid.lower) / grid.spacing for each in (start, start + step))
         first, last = np.floor(np.minimum(a, b)).astype(int), np.floor(np.maximum(a, b)).astype(int)
         touched = [
@@ -144,7 +117,7 @@ def test_edges_go_the_shorter_way(data: st.DataObject, periodic_axes: tuple[bool
 
 @st.composite
 def near_half_turns(draw: st.DrawFn) -> float:
-    """Half turns, quarters of them and others, up to the largest angles, a few last bits beside, and signed zeros."""
+    """Draw angles, many at most three floats from a quarter turn."""
     angle = draw(st.integers(-160, 160)) * 0.5 * math.pi + draw(st.sampled_from([0.0, 0.0, 1.0]))
     for _ in range(draw(st.integers(0, 3))):
         angle = math.nextafter(angle, draw(st.sampled_from([-math.inf, math.inf])))
@@ -154,9 +127,9 @@ def near_half_turns(draw: st.DrawFn) -> float:
 @pytest.mark.parametrize("exact", [False, True])
 @settings(max_examples=12)
 @given(data=st.data())
-def test_half_a_turn_goes_the_same_way_everywhere(data: st.DataObject, exact: bool) -> None:
-    """Batches, checkers of floats and OMPL's callbacks agree, also of what lies on a border, to the last bit."""
-    space, _, rng = data.draw(maps((True, False)))
+def test_half_turns_take_the_same_direction_in_every_query(data: st.DataObject, exact: bool) -> None:
+    # Batches, checkers and OMPL's callbacks agree exactly, also on borders of cells.
+    space, _, rng = data.draw(joint_maps((True, False)))
     q0, q1 = rng.uniform(space.grid.lower, space.grid.upper, (2, 20, 2))
     angles = data.draw(st.lists(near_half_turns(), min_size=40, max_size=40))
     q0[:, 0], q1[:, 0] = np.reshape(angles, (2, 20))
@@ -181,32 +154,31 @@ def test_half_a_turn_goes_the_same_way_everywhere(data: st.DataObject, exact: bo
 
 
 @given(first=near_half_turns(), last=near_half_turns())
-def test_the_shorter_way_is_that_of_the_standard_library(first: float, last: float) -> None:
-    """Of arrays as of floats, to the last bit; what is no number stays none."""
-    assert float(shorter(np.array([last - first]), [True])[0]) == math.remainder(last - first, TWO_PI)
+def test_the_shorter_angle_equals_math_remainder(first: float, last: float) -> None:
+    assert float(shorter(np.array([last - first]), [True])[0]) == math.remainder(last - first, math.tau)
     np.testing.assert_array_equal(shorter(np.array([math.nan, last, -0.0]), [True, False, True]), [math.nan, last, 0.0])
 
 
-@pytest.mark.parametrize("periodic_axes", SPACES)
+@pytest.mark.parametrize("periodic_axes", PERIODIC_AXES)
 @settings(max_examples=5)
 @given(data=st.data())
-def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
-    space, states, rng = data.draw(maps(periodic_axes))
-    grid, q = space.grid, drawn(space, rng, 15)
+def test_distances_cross_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
+    space, states, rng = data.draw(joint_maps(periodic_axes))
+    grid, q = space.grid, draw_configurations(space, rng, 15)
     turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in periodic_axes))))
     place = (np.array(space.rotations._make_canonical(q)) - grid.lower) / grid.spacing
 
     def nearest(cells: Any, half: float) -> Any:
-        """The distance from each place to the nearest of some cells, or to their middles."""
+        """Return the distance from each configuration to the nearest of some cells."""
         copies = (cells[:, np.newaxis] + turns * grid.shape).reshape(-1, grid.dim)
         gaps = np.maximum(np.abs(place[:, np.newaxis] - copies - 0.5) - half, 0.0)
         return np.linalg.norm(gaps, axis=2).min(axis=1, initial=math.inf)
 
     border = np.where(periodic_axes, math.inf, np.minimum(place, np.array(grid.shape) - place)).min(axis=1)
-    truth = grid.spacing * np.minimum(nearest(np.argwhere(states != FREE), 0.5), border)
+    expected = grid.spacing * np.minimum(nearest(np.argwhere(states != FREE), 0.5), border)
     clearance = space.clearance(q)
-    assert (clearance <= truth + 1e-9).all()
-    assert (clearance >= np.minimum(truth, 0.5 * TWO_PI) - 1e-6).all()
+    assert (clearance <= expected + 1e-9).all()
+    assert (clearance >= np.minimum(expected, 0.5 * math.tau) - 1e-6).all()
     check = space.clearance_checker()
     np.testing.assert_allclose([check(*each) for each in q], clearance, atol=1e-12)
     if (states == FREE).any():
@@ -215,7 +187,7 @@ def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple
             center = space.nearest_free(each)
             step = each - center
             assert space.is_free(center)
-            assert np.linalg.norm(step - TWO_PI * np.round(step / TWO_PI) * periodic_axes) <= distance + 1e-9
+            assert np.linalg.norm(step - math.tau * np.round(step / math.tau) * periodic_axes) <= distance + 1e-9
     for distance in (0.3 * grid.spacing, 1.2 * grid.spacing):
         low, high = np.floor(place - distance / grid.spacing).astype(int), np.floor(place + distance / grid.spacing)
         for k in range(len(q)):
@@ -223,15 +195,12 @@ def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple
             cells = [np.where(periodic_axes, np.array(each) % grid.shape, each) for each in box]
             inside = [(each >= 0).all() and (each < grid.shape).all() for each in cells]
             free = all(ok and states[tuple(each)] == FREE for ok, each in zip(inside, cells, strict=True))
-            # Of what is wider than half a turn nothing is known.
-            assert space.is_free_around(q[k], distance) == free or (not free or distance > 0.4 * TWO_PI)
+            # Boxes wider than half a turn are never proven.
+            assert space.is_free_around(q[k], distance) == free or (not free or distance > 0.4 * math.tau)
 
 
-def room_of(states: Any, periodic_axes: tuple[bool, ...]) -> Any:
-    """How far it is from the middle of each cell to the nearest one that is not FREE, modulo a turn, or to the end.
-
-    In 64ths of a cell, rounded down.
-    """
+def clearance_levels(states: Any, periodic_axes: tuple[bool, ...]) -> Any:
+    """Return clearances of cell centers in 64ths of a cell."""
     turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in periodic_axes))))
     shut = (np.argwhere(states != FREE)[:, np.newaxis] + turns * states.shape).reshape(-1, 1, states.ndim)
     cells = np.moveaxis(np.indices(states.shape), 0, -1)
@@ -241,43 +210,43 @@ def room_of(states: Any, periodic_axes: tuple[bool, ...]) -> Any:
     return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, border), 1023.99) + 1e-4), 0.0)
 
 
-def widest_chain(room: Any, periodic_axes: tuple[bool, ...], start: int, goal: int) -> tuple[float, float]:
-    """How wide the narrowest cell of a chain can be, and how many cells long the shortest one is that is as wide."""
+def widest_chain(levels: Any, periodic_axes: tuple[bool, ...], start: int, goal: int) -> tuple[float, float]:
+    """Return the bottleneck of a widest chain and the shortest length."""
 
     @cache
     def length(least: float) -> float:
-        return float(dijkstra(to_graph(link_cells(room >= least, periodic_axes), room.size), indices=start)[goal])
+        return float(dijkstra(to_graph(link_cells(levels >= least, periodic_axes), levels.size), indices=start)[goal])
 
-    # What is narrower joins all that what is wider does.
-    widths = np.unique(room[(room > 0.0) & (room <= min(room.flat[start], room.flat[goal]))])[::-1].tolist()
+    # Lower levels connect all cells that higher levels connect.
+    widths = np.unique(levels[(levels > 0.0) & (levels <= min(levels.flat[start], levels.flat[goal]))])[::-1].tolist()
     first = bisect_left(widths, True, key=lambda least: math.isfinite(length(least)))
     return (widths[first], length(widths[first])) if first < len(widths) else (0.0, math.inf)
 
 
-@pytest.mark.parametrize("periodic_axes", SPACES)
+@pytest.mark.parametrize("periodic_axes", PERIODIC_AXES)
 @settings(max_examples=5)
 @given(data=st.data())
-def test_the_widest_path_leads_across_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
-    """Also after an update: as wide as any chain of cells can be, and no longer than it must be."""
-    space, states, rng = data.draw(maps(periodic_axes).filter(lambda each: each[1].shape[0] > 1))
+def test_widest_paths_cross_the_seam_also_after_updates(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
+    # The path is as wide as any chain of cells, and the shortest of that width.
+    space, states, rng = data.draw(joint_maps(periodic_axes).filter(lambda each: each[1].shape[0] > 1))
     grid, states = space.grid, states.copy()
     for _ in range(2):
-        room, free = room_of(states, periodic_axes), np.argwhere(states == FREE)
+        levels, free = clearance_levels(states, periodic_axes), np.argwhere(states == FREE)
         whole = map_in(space.workspace, space.robot, states.copy())
         search = Widest.of(whole._kernel_map, whole._kernel_map.states, whole.rotations, periodic_axes)
         for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
-            turns = TWO_PI * rng.integers(-2, 3, (2, grid.dim)) * periodic_axes
+            turns = math.tau * rng.integers(-2, 3, (2, grid.dim)) * periodic_axes
             endpoints = grid.center_of(np.array([start, goal])) + turns
             one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
-            best, length = widest_chain(room, periodic_axes, one, other)
+            best, length = widest_chain(levels, periodic_axes, one, other)
             path = space.find_widest_path(*endpoints, straight=False)
             assert (len(path) > 0) == (best > 0)
             if not len(path):
                 continue
-            assert min(room[cell(space, each)] for each in path) >= best  # what is narrowest may lie beside a corner
+            assert min(levels[cell_of(space, each)] for each in path) >= best  # the bottleneck may lie beside a corner
             for each in (path, space.find_widest_path(*endpoints)):
                 np.testing.assert_allclose(each[0], endpoints[0], atol=1e-9)
-                more = (each[-1] - endpoints[1]) / TWO_PI
+                more = (each[-1] - endpoints[1]) / math.tau
                 np.testing.assert_allclose(more, np.rint(more) * periodic_axes, atol=1e-9)
                 assert space.certify_path(each).all()
             both = np.append(0, start), np.append(0, goal)
@@ -301,8 +270,8 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, periodic_axe
 @pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
 @pytest.mark.parametrize("cells", [3, 5, 12, 31])
 def test_paths_begin_and_end_on_the_seam_itself(name: str, cells: int) -> None:
-    """Where rounding decides whether it is in the first cell of the circle or in the last."""
-    space = made(np.zeros((cells, 6), np.uint8), (True, False), cells)
+    # Rounding decides if the seam is in the first or the last cell.
+    space = make_joint_map(np.zeros((cells, 6), np.uint8), (True, False), cells)
     sides = [math.pi, math.nextafter(math.pi, 0.0), math.nextafter(math.pi, 4.0), 3.0 * math.pi, 5.0 * math.pi]
     for start, goal in itertools.permutations([*sides, *(-each for each in sides)], 2):
         path = getattr(space, name)((start, -0.9), (goal, -0.5))
@@ -310,14 +279,15 @@ def test_paths_begin_and_end_on_the_seam_itself(name: str, cells: int) -> None:
 
 
 @pytest.mark.parametrize("cells", [1, 2, 9])
-@pytest.mark.parametrize("periodic_axes", SPACES)
-def test_an_update_is_seen_on_both_sides(periodic_axes: tuple[bool, ...], cells: int) -> None:
-    """Also by checkers that were handed out before."""
+@pytest.mark.parametrize("periodic_axes", PERIODIC_AXES)
+def test_updates_reach_both_sides_of_the_seam_and_existing_checkers(
+    periodic_axes: tuple[bool, ...], cells: int
+) -> None:
     rng = np.random.default_rng(len(periodic_axes))
     shape = tuple(cells if turns else 5 for turns in periodic_axes)
     states = (rng.random(shape) < 0.2).astype(np.uint8) * 2
-    space, q = made(states, periodic_axes, cells), None
-    q = drawn(space, rng, 200)
+    space = make_joint_map(states, periodic_axes, cells)
+    q = draw_configurations(space, rng, 200)
     checks = space.point_checker(), space.edge_checker(), space.clearance_checker()
     space.is_connected(q[0], q[1]), space.motion_is_free(q[:-1], q[1:])
     for _ in range(4):
@@ -326,7 +296,7 @@ def test_an_update_is_seen_on_both_sides(periodic_axes: tuple[bool, ...], cells:
         box = tuple(map(slice, low, low + size))
         states[box] = rng.integers(0, 2, size) * 2
         space.update(states[box] > 0, low.tolist())
-        fresh = made(states, periodic_axes, cells)
+        fresh = make_joint_map(states, periodic_axes, cells)
         np.testing.assert_array_equal(space.cell_states, states)
         for name in ("classify", "clearance"):
             np.testing.assert_array_equal(getattr(space, name)(q), getattr(fresh, name)(q))
@@ -339,36 +309,33 @@ def test_an_update_is_seen_on_both_sides(periodic_axes: tuple[bool, ...], cells:
             assert [check(*each) for each in arguments] == [other(*each) for each in arguments]
 
 
-@pytest.mark.parametrize("periodic_axes", SPACES)
-def test_what_is_placed_across_the_seam_is_on_both_sides(periodic_axes: tuple[bool, ...]) -> None:
-    """Also beyond the turn in the middle, and where it is wider than a turn."""
+@pytest.mark.parametrize("periodic_axes", PERIODIC_AXES)
+def test_obstacles_cross_the_seam(periodic_axes: tuple[bool, ...]) -> None:
+    # Some obstacles are wider than a turn.
     rng, cells = np.random.default_rng(7), 12
     shape = tuple(cells if turns else 5 for turns in periodic_axes)
     states = (rng.random(shape) < 0.1).astype(np.uint8) * 2
-    space = made(states, periodic_axes, cells)
-    q = drawn(space, rng, 300)
+    space = make_joint_map(states, periodic_axes, cells)
+    q = draw_configurations(space, rng, 300)
     for radius in (0.4, 0.9, 3.5):
-        centers = drawn(space, rng, 3)
+        centers = draw_configurations(space, rng, 3)
         centers[0] = np.where(periodic_axes, math.pi, centers[0])
         space.is_free(q)
         space.add_obstacle("balls", centers, radius=radius)
         steps = q[:, np.newaxis] - centers
-        apart = np.linalg.norm(steps - TWO_PI * np.round(steps / TWO_PI) * periodic_axes, axis=2).min(axis=1)
+        apart = np.linalg.norm(steps - math.tau * np.round(steps / math.tau) * periodic_axes, axis=2).min(axis=1)
         side = space.grid.spacing * math.sqrt(len(periodic_axes))
         assert not space.is_free(q)[apart <= radius].any()
         assert (space.clearance(q) <= np.maximum(apart - radius, 0.0) + 1e-9).all()
-        alone = states[tuple(np.transpose([cell(space, each) for each in q]))]
+        alone = states[tuple(np.transpose([cell_of(space, each) for each in q]))]
         np.testing.assert_array_equal(space.classify(q)[apart > radius + side], alone[apart > radius + side])
         assert space.obstacles["balls"].bounds[0] == pytest.approx(centers.min(axis=0) - radius)
     space.remove_obstacle("balls")
     np.testing.assert_array_equal(space.cell_states, states)
 
 
-def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
-    states = np.zeros((12, 6), np.uint8)
-    states[4:7] = 2
-    space = made(states, (True, False), 12)
-    left, right = (-1.5, 0.1), (1.5, 0.2)
+def test_copies_and_files_keep_periodic_axes(tmp_path: Path) -> None:
+    space, left, right = wall_map(), LEFT, (1.5, 0.2)
     for name in ("map", "map.zarr"):
         space.save(tmp_path / name)
     for again in (
@@ -382,31 +349,6 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
         assert again.periodic_axes == (True, False)
     assert space.to_xarray().attrs["periodic_axes"] == "a"
     assert space._facts["periodic_axes"] == ["a"]
-    ask: list[tuple[Any, str]] = [
-        (
-            lambda: space.overlap_count(left),
-            r"overlap_count is undefined on a map with periodic axes \(a\);",
-        ),
-        (lambda: space.contains_robot(left), "overlap_count is undefined"),
-        (lambda: space.is_free((300.0, 0.0)), "at most 256 are wrapped exactly"),
-        (lambda: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
-        (lambda: space.is_free((math.nan, 0.0)), "nan.*must be finite"),
-        (lambda: space.is_free((0.0, math.inf)), "inf.*must be finite"),
-        (lambda: space.motion_is_free((0.0, math.inf), (0.0, math.inf)), "inf.*must be finite"),
-        (lambda: space.motion_is_free(left, (math.inf, 0.0)), "at most 256 are wrapped exactly"),
-    ]
-    for call, message in ask:
-        with pytest.raises(InputError, match=message):
-            call()
-    for far in (left[0] + 100.0 * TWO_PI, 1e9, math.inf, math.nan):  # which is left as well, or is refused
-        for exact in (False, True):
-            assert not space.point_checker(exact=exact)(far, left[1])
-            assert not space.edge_checker(exact=exact)(far, *left[1:], *left)
-            assert not space.edge_checker(exact=exact)(*left, far, left[1])
-        assert space.clearance_checker()(far, left[1]) == 0.0
-    assert space.point_checker()(*left) and space.edge_checker()(*left, *left)
-    assert space.is_free(left, exact=True)
-    assert not space.motion_is_free((-1.5, 0.1), (0.0, 0.1), exact=True)
     path = space.find_path(left, right)
     axes = space.plot(path=path)
     assert axes.get_xlim()[0] < -math.pi + 1e-9
@@ -416,26 +358,69 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     assert (tmp_path / "map.png").read_bytes() == (tmp_path / "own.png").read_bytes()
 
 
-def across() -> tuple[cspace.CSpace, tuple[float, float], tuple[float, float]]:
-    """A map of a joint that turns for ever, with start and goal that free cells join across the seam alone."""
+LEFT = (-1.5, 0.1)
+
+
+def wall_map() -> cspace.CSpace:
+    """Build a map of a continuous joint with a wall."""
+    states = np.zeros((12, 6), np.uint8)
+    states[4:7] = 2
+    return make_joint_map(states, (True, False), 12)
+
+
+@refusals(
+    "call, message",
+    (lambda space: space.overlap_count(LEFT), r"overlap_count is undefined on a map with periodic axes \(a\);"),
+    (lambda space: space.contains_robot(LEFT), "overlap_count is undefined"),
+    (lambda space: space.is_free((300.0, 0.0)), "at most 256 are wrapped exactly"),
+    (lambda space: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
+    (lambda space: space.is_free((math.nan, 0.0)), "nan.*must be finite"),
+    (lambda space: space.is_free((0.0, math.inf)), "inf.*must be finite"),
+    (lambda space: space.motion_is_free((0.0, math.inf), (0.0, math.inf)), "inf.*must be finite"),
+    (lambda space: space.motion_is_free(LEFT, (math.inf, 0.0)), "at most 256 are wrapped exactly"),
+)
+def test_queries_reject_overlaps_and_angles_that_cannot_be_wrapped(call: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call(wall_map())
+
+
+@pytest.mark.parametrize("far", [LEFT[0] + 100.0 * math.tau, 1e9, math.inf, math.nan])
+def test_checkers_refute_angles_that_cannot_be_wrapped(far: float) -> None:
+    space = wall_map()
+    for exact in (False, True):
+        assert not space.point_checker(exact=exact)(far, LEFT[1])
+        assert not space.edge_checker(exact=exact)(far, *LEFT[1:], *LEFT)
+        assert not space.edge_checker(exact=exact)(*LEFT, far, LEFT[1])
+    assert space.clearance_checker()(far, LEFT[1]) == 0.0
+    assert space.point_checker()(*LEFT) and space.edge_checker()(*LEFT, *LEFT)
+
+
+def test_exact_queries_use_cells_of_joint_maps() -> None:
+    space = wall_map()
+    assert space.is_free(LEFT, exact=True)
+    assert not space.motion_is_free(LEFT, (0.0, 0.1), exact=True)
+
+
+def connected_across_the_seam() -> tuple[cspace.CSpace, tuple[float, float], tuple[float, float]]:
+    """Build a map with endpoints connected only across the seam."""
     states = np.zeros((24, 10), np.uint8)
     states[8:12] = 2
     states[20, 2:] = 2
-    return made(states, (True, False), 24), (-1.4, 0.3), (0.6, 1.0)
+    return make_joint_map(states, (True, False), 24), (-1.4, 0.3), (0.6, 1.0)
 
 
 @pytest.mark.parametrize("planner", [None, "Grid", "MaxClearance", "RRTConnect", "KPIECE1", "BITstar"])
-def test_planners_go_across_the_seam(planner: str | None) -> None:
-    space, left, right = across()
+def test_planners_cross_the_seam(planner: str | None) -> None:
+    space, left, right = connected_across_the_seam()
     plan = planners.plan(space, left, right, planner=planner, seed=3, time_limit=0.3 if planner == "BITstar" else 20.0)
     assert plan.certified
     assert plan.is_connected
-    assert plan.length >= math.hypot(TWO_PI - 2.0, 0.7) - 1e-6
+    assert plan.length >= math.hypot(math.tau - 2.0, 0.7) - 1e-6
     assert (np.abs(np.diff(plan.path[:, 0])) <= math.pi).all()
-    assert plan.path[-1, 0] == pytest.approx(right[0] - TWO_PI)
+    assert plan.path[-1, 0] == pytest.approx(right[0] - math.tau)
 
 
-def test_an_objective_goes_across_the_seam() -> None:
-    space, left, right = across()
+def test_a_plan_with_an_objective_crosses_the_seam() -> None:
+    space, left, right = connected_across_the_seam()
     plan = planners.plan(space, left, right, planner="RRTstar", objective="clearance", seed=3, time_limit=0.3)
-    assert plan.certified and plan.path[-1, 0] == pytest.approx(right[0] - TWO_PI)
+    assert plan.certified and plan.path[-1, 0] == pytest.approx(right[0] - math.tau)

@@ -1,4 +1,4 @@
-"""Proofs of random maps, against geometry that shares no code with the library."""
+"""Proofs of random maps, compared with independent geometry."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from tests.soak import maps
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("name", list(maps.SPACES)[:3])
 def test_proofs_of_random_maps_agree_with_independent_geometry(name: str, seed: int) -> None:
-    """Test inside, on and next to boundaries of cells, and outside the grid, for all kinds of robots and obstacles."""
+    # Configurations lie inside cells, on and next to boundaries, and outside the grid.
     report = Report(quick=True)
     maps.check_maps(report, name, maps.SPACES[name][0], seed, 20_000, 20)
     assert not report.failures, report.notes

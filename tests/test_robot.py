@@ -1,9 +1,12 @@
+"""Robots: geometry, short texts, files and refusals."""
+
 import numpy as np
 import pytest
 import shapely
 
 from cspace import FileError, GeometryError, InputError, Mesh, Robot
 from cspace.shapes import as_shape
+from mesh_files import TETRAHEDRON
 from refusals import refusals
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -95,7 +98,7 @@ def test_robots_reject_invalid_arguments(make, message):
 
 
 def test_bitmap_of_odd_bytes_matches_numpy():
-    """Viewed as boolean, all of these bytes are True."""
+    # Viewed as boolean, all of these bytes are True.
     odd = np.full((6, 5), 100, np.uint8)
     odd[2:4] = 101
     mine, plain = Robot.from_bitmap(odd.view(bool), 0.1), Robot.from_bitmap(np.ones((6, 5), bool), 0.1)
@@ -122,10 +125,7 @@ def test_missing_file_raises_file_error(tmp_path):
         Robot.open(tmp_path / "robot.stl")
 
 
-TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-
-
-def test_mesh_off_its_reference_point_warns_once():
+def test_a_mesh_far_from_its_reference_point_warns_once():
     vertices, faces = TETRAHEDRON
     Robot.from_mesh((vertices + 1.0, faces))
     with pytest.warns(UserWarning, match=r"lies 17.3205 m from its origin.* by \(-10.5, -10.5, -10.5\) m"):

@@ -1,4 +1,4 @@
-"""The map as an object: copies and pictures."""
+"""Maps as objects: copies, sizes and pictures."""
 
 import copy
 import pickle
@@ -9,7 +9,7 @@ import pytest
 import cspace
 
 
-def made(rotations=None):
+def build_map(rotations=None):
     occupied = np.random.default_rng(0).random((30, 20)) < 0.05
     workspace = cspace.Workspace.from_array(occupied, 0.1)
     return cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.1), rotations=rotations, counts=True)
@@ -18,7 +18,7 @@ def made(rotations=None):
 @pytest.mark.parametrize("rotations", [None, 8])
 @pytest.mark.parametrize("twin", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
 def test_copies_change_independently(rotations, twin):
-    space = made(rotations)
+    space = build_map(rotations)
     space.is_connected(np.ones(space.size), np.ones(space.size))
     space.update(np.ones((2, 2), dtype=bool), (3, 4))
     other = twin(space)
@@ -50,4 +50,4 @@ def test_dof_counts_degrees_of_freedom_and_size_coordinates(side, rotations, dof
 
 
 def test_notebooks_show_a_picture():
-    assert made()._repr_html_().count("data:image/png;base64,") == 1
+    assert build_map()._repr_html_().count("data:image/png;base64,") == 1

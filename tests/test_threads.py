@@ -1,4 +1,4 @@
-"""Threads: no more than cores, even for nested chunks."""
+"""Threads of nested chunks."""
 
 import threading
 

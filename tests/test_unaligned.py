@@ -1,4 +1,4 @@
-"""Unaligned words in arrays of bytes against numpy's views."""
+"""Unaligned words in arrays of bytes."""
 
 import numpy as np
 from numba import njit
@@ -7,7 +7,7 @@ from cspace.kernels import load_word, store_word
 
 
 @njit
-def swapped(octets, first, second):
+def swap_words(octets, first, second):
     """Exchange two words."""
     word = load_word(octets, first)
     store_word(octets, first, load_word(octets, second))
@@ -18,5 +18,5 @@ def test_unaligned_words_are_read_and_written():
     octets = np.random.default_rng(0).integers(0, 256, 40).astype(np.uint8)
     expected = octets.copy()
     expected[3:11], expected[21:29] = octets[21:29], octets[3:11]
-    swapped(octets, 3, 21)
+    swap_words(octets, 3, 21)
     np.testing.assert_array_equal(octets, expected)

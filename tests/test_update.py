@@ -1,4 +1,4 @@
-"""Updated maps equal new builds."""
+"""Updates of maps: equality with new builds, results, refusals and threads."""
 
 import importlib
 import threading
@@ -32,7 +32,7 @@ from waiting import while_two_ask
 @given(worlds(), st.booleans())
 def test_a_stream_of_updates_equals_a_rebuild(world: World, asked: bool) -> None:
     space = world.build()
-    if asked:  # queries fill all caches, which the updates must then refresh
+    if asked:  # queries fill all caches, which updates must refresh
         check(space, world.build(), world)
     for fresh in world.stream(space, 4):
         check(space, fresh, world)
@@ -107,7 +107,7 @@ def test_update_returns_the_examined_box() -> None:
     space = room()
     before = space.cell_states.copy()
     update = space.update(OBSTACLE, (18, 13))
-    reach = 4  # cells: three of the disc, and one more because the reference point may be anywhere in its cell
+    reach = 4  # three cells of the disc, and one because the reference point may be anywhere in its cell
     assert update.occupied == 16
     assert (update.lower, update.upper) == ((18 - reach, 13 - reach), (22 + reach, 17 + reach))
     changed = np.argwhere(space.cell_states != before)
@@ -165,13 +165,13 @@ def test_later_updates_leave_maps_of_the_current_workspace_unchanged() -> None:
 def test_update_replaces_shapes_by_cells() -> None:
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0).buffer(0.32), 0.1, (0.0, 0.0, 4.0, 3.0))
     space = cspace.build(workspace, Robot.disc(0.3))
-    shown = space.point_checker(exact=True)
-    assert shown(1.0, 1.63)  # the disc of 0.32 m itself
+    is_free = space.point_checker(exact=True)
+    assert is_free(1.0, 1.63)  # free of the exact disc of 0.32 m
     space.update(OBSTACLE, (30, 20))
     assert workspace.shapes is not None and space.workspace.shapes is None
     cells = cspace.build(Workspace.from_array(space.workspace.outer, 0.1, inner=space.workspace.inner), Robot.disc(0.3))
     q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
-    np.testing.assert_array_equal([shown(*one) for one in q.tolist()], cells.is_free(q, exact=True))
+    np.testing.assert_array_equal([is_free(*one) for one in q.tolist()], cells.is_free(q, exact=True))
 
 
 # ---- planning --------------------------------------------------------------------------------------------------------
@@ -195,7 +195,7 @@ def test_ompl_queries_the_updated_map(rotations: int | None) -> None:
 
 
 @pytest.mark.parametrize("rotations", [None, 8])
-def test_prefetched_samples_are_checked_again(rotations: int | None) -> None:
+def test_prefetched_samples_are_checked_after_an_update(rotations: int | None) -> None:
     space = room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
     si = planners.simple_setup(space).getSpaceInformation()
     sampler, state = planners.FreeStateSampler(si, space, np.random.default_rng(3)), si.allocState()
@@ -364,8 +364,8 @@ def test_updates_from_threads_wait_for_each_other() -> None:
         space.overlap_count(q)
         space.sample_free(3, np.random.default_rng(2))
 
-    def put(own: list[tuple[int, int]]) -> None:
-        for place in own:
+    def put(positions: list[tuple[int, int]]) -> None:
+        for place in positions:
             space.update(OBSTACLE, place)
 
     while_two_ask(ask, [partial(put, places[::2]), partial(put, places[1::2])])
@@ -380,8 +380,8 @@ def test_updates_from_threads_wait_for_each_other() -> None:
 
 
 @pytest.mark.parametrize("name", ["map.npz", "map.yaml"])
-def test_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Updates wait for saves, so states and obstacles in a file agree."""
+def test_a_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    # Updates wait for saves, so states and obstacles in a file agree.
     space = room()
     changing = threading.Thread(target=lambda: space.update(OBSTACLE, (10, 10)))
     module: Any = np if name == "map.npz" else images

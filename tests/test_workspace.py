@@ -1,4 +1,4 @@
-"""Workspaces from arrays, and the choice of a reader by suffix."""
+"""Workspaces: arrays, readers by suffix, bounds, spacing and shapes."""
 
 import inspect
 import re
@@ -21,15 +21,16 @@ from cspace.errors import FileError, InputError
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.limits import check_memory
 from cspace.workspace import covering_grid, covering_shape
+from mesh_files import TETRAHEDRON
 from refusals import refusals
 
-L_SHAPE = [[1, 1, 0], [0, 1, 0]]
-"""Two cells along x, three along y."""
+L_CELLS = [[1, 1, 0], [0, 1, 0]]
+"""Obstacle cells of an L, two cells along x and three along y."""
 
 
 @pytest.mark.parametrize("dtype", [bool, np.uint8, np.int64])
 def test_arrays_become_cells(dtype: type) -> None:
-    workspace = Workspace.from_array(np.array(L_SHAPE, dtype=dtype), 0.5, (-1.0, 2.0))
+    workspace = Workspace.from_array(np.array(L_CELLS, dtype=dtype), 0.5, (-1.0, 2.0))
     assert workspace.grid == Grid((-1.0, 2.0), 0.5, (2, 3))
     assert workspace.outer.dtype == np.bool_
     assert workspace.outer.tolist() == [[True, True, False], [False, True, False]]
@@ -45,7 +46,7 @@ def test_lists_and_three_axes_are_accepted() -> None:
 
 
 def test_arrays_are_read_only_copies() -> None:
-    outer = np.array(L_SHAPE, dtype=bool)
+    outer = np.array(L_CELLS, dtype=bool)
     inner = np.zeros_like(outer)
     workspace = Workspace.from_array(outer.T, 1.0, inner=inner.T)
     outer[:], inner[:] = False, True
@@ -58,7 +59,7 @@ def test_arrays_are_read_only_copies() -> None:
 
 
 def test_a_read_only_array_of_the_caller_is_copied_too() -> None:
-    outer = np.array(L_SHAPE, dtype=bool)
+    outer = np.array(L_CELLS, dtype=bool)
     view = outer.view()
     view.setflags(write=False)
     workspace = Workspace(Grid((0.0, 0.0), 1.0, (2, 3)), view, view)
@@ -67,7 +68,7 @@ def test_a_read_only_array_of_the_caller_is_copied_too() -> None:
 
 
 def test_inner_that_equals_outer_is_the_same_object() -> None:
-    cells = np.array(L_SHAPE, dtype=bool)
+    cells = np.array(L_CELLS, dtype=bool)
     workspace = Workspace.from_array(cells, 1.0, inner=cells.copy())
     assert workspace.inner is workspace.outer
 
@@ -97,17 +98,17 @@ def test_repr_is_short() -> None:
     ({"occupied": np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)}, "3 masked"),
 )
 def test_unusable_arrays_are_refused(arguments: dict[str, Any], message: str) -> None:
-    given = {"occupied": np.array(L_SHAPE, dtype=bool), "spacing": 1.0} | arguments
+    given = {"occupied": np.array(L_CELLS, dtype=bool), "spacing": 1.0} | arguments
     with pytest.raises(InputError, match=message):
         Workspace.from_array(**given)
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
-    """One file for every kind of reader, each with obstacles in L_SHAPE."""
+    """Write a file for every reader, each with the obstacles of L_CELLS."""
     from PIL import Image
 
-    pixels = np.where(np.array(L_SHAPE, dtype=bool).T[::-1], 0, 255).astype(np.uint8)
+    pixels = np.where(np.array(L_CELLS, dtype=bool).T[::-1], 0, 255).astype(np.uint8)
     for suffix in (".png", ".pgm", ".bmp"):
         Image.fromarray(pixels).save(tmp_path / f"map{suffix}")
     (tmp_path / "map.map").write_text("type octile\nheight 3\nwidth 2\nmap\n..\n@@\n@.\n")
@@ -116,7 +117,7 @@ def files(tmp_path: Path) -> Path:
     )
     (tmp_path / "map.yaml").write_text(header)
     (tmp_path / "map.YML").write_text(header)
-    np.save(tmp_path / "map.npy", np.array(L_SHAPE, dtype=bool))
+    np.save(tmp_path / "map.npy", np.array(L_CELLS, dtype=bool))
     (tmp_path / "map.wkt").write_text("MULTIPOINT (0.5 0.5, 0.5 1.5, 1.5 1.5, 2 3)")
     return tmp_path
 
@@ -127,14 +128,14 @@ def test_open_chooses_the_reader_by_suffix(files: Path, name: str) -> None:
     options = {} if path.suffix.lower() in (".map", ".yaml", ".yml") else {"spacing": 1.0}
     workspace = Workspace.open(path, **options)
     assert workspace.grid == Grid((0.0, 0.0), 1.0, (2, 3))
-    assert np.array_equal(workspace.outer, np.array(L_SHAPE, dtype=bool))
+    assert np.array_equal(workspace.outer, np.array(L_CELLS, dtype=bool))
     assert workspace.source == str(path)
 
 
 def test_open_passes_options_on(files: Path) -> None:
     workspace = Workspace.open(files / "map.png", spacing=0.5, lower=(1.0, 2.0), dark="free")
     assert workspace.grid == Grid((1.0, 2.0), 0.5, (2, 3))
-    assert np.array_equal(workspace.outer, ~np.array(L_SHAPE, dtype=bool))
+    assert np.array_equal(workspace.outer, ~np.array(L_CELLS, dtype=bool))
     polygons = Workspace.open(str(files / "map.wkt"), spacing=1.0, bounds=(0, 0, 2, 2))
     assert polygons.outer.tolist() == [[True, True], [False, True]]
 
@@ -203,48 +204,44 @@ def test_odd_bytes_become_plain_booleans():
     assert Workspace.from_array(cells, 0.1).outer.view(np.uint8).tolist() == [[0, 1], [1, 0]]
 
 
-TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-TRIANGLE = "POLYGON ((0 0, {0} 0, 0 {0}, 0 0))"
-
-
-def shapes(scale: float, bounds: Any = None) -> list[Callable[[], Workspace]]:
-    """A mesh, a cloud and a polygon of one size."""
+def make_workspaces(scale: float, bounds: Any = None) -> list[Callable[[], Workspace]]:
+    """Return builders of a mesh, a cloud and a polygon."""
     vertices, faces = TETRAHEDRON
     flat = None if bounds is None else (*bounds[:2], *bounds[3:5])
     return [
         lambda: Workspace.from_mesh((vertices * scale, faces), 0.1, bounds),
         lambda: Workspace.from_points(vertices * scale, 0.1, bounds, radius=0.01),
-        lambda: Workspace.from_polygons(TRIANGLE.format(scale), 0.1, flat),
+        lambda: Workspace.from_polygons(f"POLYGON ((0 0, {scale} 0, 0 {scale}, 0 0))", 0.1, flat),
     ]
 
 
 @pytest.mark.parametrize("bounds", [None, (-1, -1, -1, 1, 1, 1)])
 @pytest.mark.parametrize("kind", range(3))
-def test_obstacles_smaller_than_a_cell_are_a_warning(bounds: Any, kind: int) -> None:
-    with pytest.warns(UserWarning, match=r"is 0\.001 m x 0\.001 m.* fits into one cell of 0\.1 m; its units") as heard:
-        shapes(1e-3, bounds)[kind]()
-    assert len(heard) == 1
-    shapes(0.2, bounds)[kind]()
+def test_obstacles_smaller_than_a_cell_warn(bounds: Any, kind: int) -> None:
+    with pytest.warns(UserWarning, match=r"is 0\.001 m x 0\.001 m.* fits into one cell of 0\.1 m; its units") as caught:
+        make_workspaces(1e-3, bounds)[kind]()
+    assert len(caught) == 1
+    make_workspaces(0.2, bounds)[kind]()
 
 
-def test_obstacles_a_quarter_of_a_cell_wide_are_no_warning() -> None:
-    """A thin pillar within bounds may be meant; a map of one cell that it fills, too."""
+def test_obstacles_at_least_a_quarter_of_a_cell_wide_do_not_warn() -> None:
+    # A thin pillar within bounds may be intended, and so may a map of one full cell.
     bounds = (-1, -1, -1, 1, 1, 1)
-    for make in shapes(0.026, bounds):
+    for make in make_workspaces(0.026, bounds):
         make()
-    for make in shapes(0.024, bounds) + shapes(0.099):
+    for make in make_workspaces(0.024, bounds) + make_workspaces(0.099):
         with pytest.warns(UserWarning, match="units are probably wrong"):
             make()
     assert Workspace.from_polygons("POLYGON ((7 7, 7.1 7, 7.1 7.1, 7 7))", 0.1).outer.all()
 
 
-def test_a_single_point_is_no_warning() -> None:
+def test_a_single_point_does_not_warn() -> None:
     assert Workspace.from_points([[1.0, 1.0, 1.0]], 0.1).outer.all()
     assert Workspace.from_polygons("POINT (1 1)", 0.1, (0, 0, 2, 2)).outer.any()
 
 
-def test_bounds_are_those_of_shapely_and_of_trimesh() -> None:
-    """Numbers in a row, or the lower and the upper corner; what is neither is refused."""
+def test_bounds_of_shapely_and_trimesh_are_accepted() -> None:
+    # Bounds are numbers in a row, or the lower and the upper corner.
     mesh, area = trimesh.creation.box(bounds=[(0, 0, 0), (3, 2, 1)]), shapely.box(0, 0, 3, 2)
     for bounds in (mesh.bounds, mesh.bounds.ravel(), [(0, 0, 0), (3, 2, 1)], (0, 0, 0, 3, 2, 1)):
         made = [Workspace.from_mesh(mesh, 0.5, bounds), Workspace.from_balls([(1, 1, 0)], [0.2], 0.5, bounds)]
@@ -260,10 +257,10 @@ def test_bounds_are_those_of_shapely_and_of_trimesh() -> None:
 
 
 @pytest.mark.parametrize("kind", range(3))
-def test_bounds_without_an_obstacle_are_a_warning(kind: int) -> None:
-    with pytest.warns(UserWarning, match=r"none lies within the bounds, \(10, 10.* has no obstacle") as heard:
-        shapes(1.0, (10, 10, 10, 12, 12, 12))[kind]()
-    assert len(heard) == 1
+def test_bounds_without_an_obstacle_warn(kind: int) -> None:
+    with pytest.warns(UserWarning, match=r"none lies within the bounds, \(10, 10.* has no obstacle") as caught:
+        make_workspaces(1.0, (10, 10, 10, 12, 12, 12))[kind]()
+    assert len(caught) == 1
 
 
 @pytest.mark.parametrize("name", ["none.stl", "none.xyz", "none.wkt"])
@@ -272,11 +269,15 @@ def test_bounds_are_checked_before_the_file_is_read(tmp_path: Path, name: str) -
         Workspace.open(tmp_path / name, spacing=0.1, bounds=(0, 0, 0, 0, 1, 1))
 
 
-sizes = st.floats(1e-6, 1e6)
-
-
-@given(st.lists(sizes, min_size=2, max_size=3), sizes, st.floats(-1e7, 1e7), st.integers(1000, 10**12))
-def test_the_spacing_that_a_refusal_advises_fits(sides: list[float], spacing: float, low: float, free: int) -> None:
+@given(
+    st.lists(st.floats(1e-6, 1e6), min_size=2, max_size=3),
+    st.floats(1e-6, 1e6),
+    st.floats(-1e7, 1e7),
+    st.integers(1000, 10**12),
+)
+def test_the_spacing_that_a_refusal_advises_fits_in_memory(
+    sides: list[float], spacing: float, low: float, free: int
+) -> None:
     corners = np.array([np.full(len(sides), low), low + np.array(sides)])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cspace.limits.free_bytes", lambda: free)
@@ -288,16 +289,16 @@ def test_the_spacing_that_a_refusal_advises_fits(sides: list[float], spacing: fl
                 assert "reaches" in str(error)
                 return
             advised = float(match[1])
-            # Roughly: a cell that is cut by the upper bound counts in part.
+            # A cell cut by the upper bound counts in part.
             cells = np.prod(np.maximum(1.0, (corners[1] - corners[0]) / advised))
             assert 8.0 * cells <= 0.85 * free and Grid(corners[0], advised, (1,) * len(sides))
-            # Nor is it much larger than it must be: by a tenth for its two digits, and for what is left free.
+            # It is at most about a tenth larger than needed, because it is rounded to two digits.
             finer = covering_shape(corners, advised / 1.12)
             far = np.abs(corners).max() / (advised / 1.12) > 0.99 * 2**22
             assert far or advised / 1.12 < spacing or 8.0 * np.prod(finer, dtype=float) > 0.8 * free
 
 
-def test_the_spacing_that_a_refusal_tells_where_an_axis_is_one_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_advised_spacing_is_right_if_an_axis_is_one_cell(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 8_000_000)
     corners = np.array([(0.0, 0.0, 0.0), (1e6, 1e-3, 1e-3)])
     with pytest.raises(InputError, match=r"use a spacing of at least 1\.3 m"):
@@ -320,7 +321,7 @@ def test_dimensions_of_an_array_follow_its_header(tmp_path: Path) -> None:
         assert read_dimension(tmp_path / "a.npy") == dim
 
 
-def test_shapes_of_any_kind_make_a_workspace():
+def test_workspaces_accept_shapes_of_every_kind():
     shapes = [shapely.box(0, 0, 1, 3), Robot.disc(0.5, (3, 1)), "ellipse:0.6,0.3@2,2.5", [(1, 1), (2, 1), (1, 2)]]
     workspace = Workspace.from_shapes(iter(shapes), 0.1, (0, 0, 4, 3))
     empty = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
@@ -355,6 +356,6 @@ def test_shapes_of_any_kind_make_a_workspace():
     ([Robot.disc(1.0), "cube:1"], r"shapes\[1\] is 'cube:1'; it must be a short text"),
     ([Robot.disc(1.0), None], r"shapes\[1\] is a NoneType"),
 )
-def test_from_shapes_refuses(shapes, message):
+def test_from_shapes_rejects_invalid_arguments(shapes, message):
     with pytest.raises(InputError, match=message):
         Workspace.from_shapes(shapes, 0.1)

@@ -1,4 +1,4 @@
-"""Every yaw that the library returns is in [-pi, pi), as OMPL's bounds require."""
+"""Range of returned yaws: [-pi, pi), as OMPL's bounds require."""
 
 import math
 from pathlib import Path
@@ -20,14 +20,13 @@ from cspace import Robot, Workspace, limits
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 from cspace.map.storage import PackedStates
+from handmade import joint_maps
 from maps import proven_paths
 from planners.states import kind_of
 from planning import ENDPOINTS, room
 from strategies import rotation_cells, seeds
-from test_periodic_axes import maps
 
-ROOMS = {"plane": ((16, 12), Robot.rectangle(0.3, 0.1)), "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1)))}
-CIRCLE = (True, False)
+MAP_SIZES = {"plane": ((16, 12), Robot.rectangle(0.3, 0.1)), "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1)))}
 
 
 def assert_in_range(*angles: Any) -> None:
@@ -36,8 +35,8 @@ def assert_in_range(*angles: Any) -> None:
         assert (values >= -math.pi).all() and (values < math.pi).all(), values
 
 
-def ends(space: cspace.CSpace, rng: np.random.Generator) -> Floats:
-    """Return two FREE configurations in free surroundings, shifted by whole turns."""
+def draw_endpoints(space: cspace.CSpace, rng: np.random.Generator) -> Floats:
+    """Draw two FREE configurations, shifted by whole turns."""
     samples = space.sample_free(50, rng)
     good = samples[np.asarray(space.motion_is_free(samples, samples))]
     samples = samples if len(good) < 2 else good
@@ -46,12 +45,12 @@ def ends(space: cspace.CSpace, rng: np.random.Generator) -> Floats:
 
 
 def returned_yaws(space: cspace.CSpace, rng: np.random.Generator) -> list[Any]:
-    """Return all yaws that a map in memory returns."""
+    """Collect all yaws that a map in memory returns."""
     yaws: list[Any] = [space.sample_free(200, rng)[:, -1], space.sample_free(rng=rng)[-1]]
     yaws += [space.nearest_free([*q[:-1], rng.uniform(-20.0, 20.0)])[-1] for q in space.sample_free(20, rng)]
     yaws += [space.rotations.centers[:, 0], space.rotations.centers, space.slice_rotations]
     yaws += [space.rotations._coordinates["yaw"], space.to_xarray().yaw.values]
-    first, last = ends(space, rng)
+    first, last = draw_endpoints(space, rng)
     for straight in (True, False):
         yaws.append(space.find_path(first, last, straight=straight)[:, -1])
         yaws.append(space.find_widest_path(first, last, straight=straight)[:, -1])
@@ -59,9 +58,9 @@ def returned_yaws(space: cspace.CSpace, rng: np.random.Generator) -> list[Any]:
 
 
 @settings(max_examples=12)
-@given(rotations=rotation_cells(), kind=st.sampled_from(sorted(ROOMS)), seed=seeds)
+@given(rotations=rotation_cells(), kind=st.sampled_from(sorted(MAP_SIZES)), seed=seeds)
 def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, seed: int) -> None:
-    shape, robot = ROOMS[kind]
+    shape, robot = MAP_SIZES[kind]
     rng = np.random.default_rng(seed)
     occupied = rng.random(shape) < 0.02
     occupied[0, 0] = True
@@ -78,13 +77,13 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
         assert isinstance(opened, cspace.CSpace)
         for each in (space, opened, packed, tiled.window(space.grid.lower, space.grid.upper)):
             assert_in_range(*returned_yaws(each, rng))
-        first, last = ends(space, rng)
+        first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
         assert_in_range(*(end[-1] for _, *both in tiled._tile_subproblems(first, last) for end in both))
 
 
 @settings(max_examples=10)
-@given(maps(CIRCLE), seeds)
+@given(joint_maps((True, False)), seeds)
 def test_joint_maps_return_angles_from_minus_pi_to_below_pi(drawn: Any, seed: int) -> None:
     space, rng = drawn[0], np.random.default_rng(seed)
     if space.count()[0]:
@@ -108,17 +107,17 @@ def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
     occupied = np.ones((40, 9), dtype=bool)
     occupied[1:12, 1:-1] = occupied[28:39, 1:-1] = occupied[:, 3:6] = False
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.29), rotations=36)
-    ends = (0.7, 0.45, -math.pi), (3.4, 0.45, -math.pi)
-    assert proven_paths(space, *ends) is None
+    endpoints = (0.7, 0.45, -math.pi), (3.4, 0.45, -math.pi)
+    assert proven_paths(space, *endpoints) is None
     for seed in range(3):
-        plan = planners.plan(space, *ends, exact=True, seed=seed, time_limit=20.0, simplify=False)
+        plan = planners.plan(space, *endpoints, exact=True, seed=seed, time_limit=20.0, simplify=False)
         assert plan.solved
         assert_in_range(plan.path[:, -1], plan.waypoints[:, -1])
 
 
 @pytest.mark.parametrize("name", ["turning", "yawing"])
 def test_samples_are_valid_starts_and_goals_of_a_custom_setup(name: str) -> None:
-    """OMPL skips a start whose yaw is outside its bounds."""
+    # OMPL skips a start whose yaw is outside its bounds.
     space, rng = room(name), np.random.default_rng(0)
     for _ in range(30):
         setup = og.SimpleSetup(planners.state_space(space))

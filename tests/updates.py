@@ -1,4 +1,4 @@
-"""Streams of changes to a workspace, and checks of maps that follow them."""
+"""Streams of workspace changes, and checks of updated maps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -46,7 +46,7 @@ class World:
         return cspace.build(self.workspace(), self.robot, **self.options)
 
     def patch(self) -> tuple[NDArray[np.bool_], list[int], NDArray[np.bool_] | None]:
-        """Draw new cells of a box, often in a corner or the whole map, and apply them."""
+        """Draw and apply new cells of a box, often in a corner."""
         rng, shape = self.rng, self.outer.shape
         most = [n if rng.random() < 0.1 else min(n, 8) for n in shape]
         size = [int(rng.integers(1, n + 1)) for n in most]
@@ -58,7 +58,7 @@ class World:
         return cells, lower, inner
 
     def stream(self, space: CSpace, steps: int) -> Iterator[cspace.CSpace]:
-        """Update a map step by step; yield a fresh build after each step."""
+        """Update a map stepwise; yield a fresh build after each step."""
         for _ in range(steps):
             cells, lower, inner = self.patch()
             space.update(cells, lower, inner=inner)
@@ -85,7 +85,7 @@ class World:
 
 @st.composite
 def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = MAP_KINDS) -> World:
-    """Draw maps of every kind; robots from one cell to larger than the map."""
+    """Draw maps of every kind with robots of every size."""
     kind, rng = draw(st.sampled_from(kinds)), np.random.default_rng(draw(seeds))
     dim = 3 if "space" in kind else 2
     most = {"plane": 40, "turning": 24, "space": 14}.get(kind, 8)
@@ -111,7 +111,7 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = MAP_KINDS) -> World:
 
 
 def check(space: CSpace, fresh: CSpace, world: World) -> None:
-    """Fail unless a map gives the same answers as a fresh build."""
+    """Compare the answers of a map with a fresh build."""
     np.testing.assert_array_equal(space._kernel_map.states, fresh._kernel_map.states)
     assert space.count() == fresh.count()
     for mine, other in (
@@ -150,7 +150,7 @@ def checkers(space: CSpace, exact: bool = False) -> list[Any]:
 
 
 def agree(ours: list[Any], theirs: list[Any], world: World) -> None:
-    """Fail unless checkers give equal answers."""
+    """Compare the answers of checkers."""
     q = world.points(30)
     for a, b in zip(q.tolist(), world.near(q, 0.1).tolist(), strict=True):
         for given, mine, other in zip(((), b, ()), ours, theirs, strict=False):

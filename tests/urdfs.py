@@ -28,7 +28,7 @@ def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
 
 
 def collision(kind: str, sizes: Any, at: Any, rpy: Any = (0, 0, 0)) -> str:
-    """Write a box with some sides, or a cylinder or sphere with a radius and length."""
+    """Write a box, cylinder or sphere of a link."""
     values = zip(("radius", "length"), sizes, strict=False)
     measures = f'size="{_text(sizes)}"' if kind == "box" else " ".join(f'{key}="{value}"' for key, value in values)
     origin = f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/>'
@@ -61,7 +61,7 @@ def written(folder: Path, *parts: str) -> Path:
 
 
 def planar(folder: Path, **changes: Any) -> Path:
-    """Write an arm of two links of 1 m by 0.1 m in the plane z = 0."""
+    """Write an arm of two links of 1 m in the plane z = 0."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     return written(
         folder,
@@ -74,12 +74,12 @@ def planar(folder: Path, **changes: Any) -> Path:
 
 
 def post() -> PosedShape:
-    """Return a post beside a planar arm, which only the folded arm passes."""
+    """Return a post that only the folded planar arm passes."""
     return posed_box((0.2, 0.2, 1.0), 1.55, 0.6)
 
 
 def two_arms(folder: Path) -> Path:
-    """Write two arms of seven joints and 0.2 m bars beside a column."""
+    """Write two arms of seven joints beside a column."""
     bar, axes = ((0.2, 0.08, 0.08), (0.1, 0, 0)), ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0))
     parts = [link("column", ((0.2, 0.3, 1.0), (-0.1, 0, -0.2)))]
     for side, y in (("left", 0.3), ("right", -0.3)):

@@ -475,7 +475,6 @@ def test_plan_reports_that_no_path_exists(room: Path, file: str, drawn: list[Dra
 
 
 def test_plan_suggests_options_if_time_runs_out(room: Path) -> None:
-
     common = [
         "plan",
         "turning.zarr",

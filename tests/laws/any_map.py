@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from cspace import Grid, Robot, Rotations, Workspace
-from cspace.map.contents import Contents
-from cspace.shapes import Point
+from cspace import Robot, Rotations, Workspace
+from handmade import make_joint_map
 
 CAR = Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
 CRATE = Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
@@ -116,15 +115,7 @@ def build_periodic_map(space: str, storage: str, seed: int, folder: Path) -> Any
     rng, count, periodic = np.random.default_rng(seed), 12, PERIODIC[space]
     shape = tuple(count if axis else 5 for axis in periodic)
     states = rng.choice(np.array([0, 0, 0, 1, 2], dtype=np.uint8), shape)
-    names = ("shoulder", "elbow", "wrist")[: len(shape)]
-    grid = Grid(np.where(periodic, -np.pi, -1.0), 2.0 * np.pi / count, shape, names)
-    workspace = Workspace(grid, states != cspace.FREE, states == cspace.BLOCKED)
-    robot, rotations = Robot("arm", Point.at_origin(len(shape))), Rotations.of(None)
-    slices = rotations._slices_for(robot.shape)
-    memory = cspace.CSpace(
-        Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), periodic_axes=periodic)
-    )
-    made = memory
+    made = memory = make_joint_map(states, periodic, count)
     if storage == "saved":
         made = reopen(made, folder / "periodic.zarr")
-    return AnyMap(made, memory, states[np.newaxis], periodic, workspace.outer, refuse_rebuild)
+    return AnyMap(made, memory, states[np.newaxis], periodic, memory.workspace.outer, refuse_rebuild)

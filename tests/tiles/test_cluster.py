@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -19,12 +18,12 @@ import cspace
 from commands import run
 from cspace.errors import CspaceError, InputError
 from laws.any_map import CAR
+from repository import ROOT
 from tiles.test_build import check_finished_tiles, check_states, random_workspace
 from waiting import until
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
-ROOT = Path(cspace.__file__).parents[1]
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
