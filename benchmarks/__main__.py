@@ -13,7 +13,7 @@ from typing import Any
 
 from benchmarks.report import Report, write_whole
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS_FOLDER = Path(__file__).resolve().parents[1] / "docs"
 
 BENCHMARKS = {
     "peers": "engines against all peers: promises, bare transforms, memory; cost over sizes; table and plot",
@@ -29,41 +29,42 @@ BENCHMARKS = {
     "tiles": "maps in tiles: builds against memory, one and two workers, 65,536^2 cells and 16,384^2 x 16 yaws",
 }
 
-TOGETHER = {"classify": "lookups", "edges": "lookups", "callbacks": "lookups"}
-"""Modules with several benchmarks, as functions; every other benchmark is ``run`` of its own module."""
+SHARED_MODULES = {"classify": "lookups", "edges": "lookups", "callbacks": "lookups"}
+"""Modules of benchmarks that are functions; other benchmarks are ``run`` of their module."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run benchmarks; return 0 if all results were correct, regardless of times, and 1 otherwise."""
+    """Run benchmarks; return 1 if a result was wrong, else 0."""
     listed = "\n".join(f"  {name:<10} {text}" for name, text in BENCHMARKS.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Peers and ours in one process, taken in turns. Results must be equal or the run fails; times are\n"
+        description="Peers and ours run alternately in one process. Different results fail the run; times are\n"
         "printed beside their targets and fail nothing.",
-        epilog=f"benchmarks:\n{listed}\n  {'all':<10} every one of them",
+        epilog=f"benchmarks:\n{listed}\n  {'all':<10} all benchmarks",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="which ones, or all")
-    parser.add_argument("--quick", action="store_true", help="smaller sizes and fewer runs, to see that all works")
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="a benchmark, or all")
+    parser.add_argument("--quick", action="store_true", help="smaller sizes and fewer runs, as a test")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the figures to FILE")
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all random inputs (default 0)")
     parser.add_argument(
         "--output",
         metavar="FOLDER",
         type=Path,
-        help="peers: folder for benchmarks.md and benchmarks.png, written if all results were right (default docs, or "
+        help="peers: folder of benchmarks.md and benchmarks.png, written if all results are right (default docs, "
+        "or "
         "none with --quick)",
     )
     parser.add_argument(
-        "--from", dest="file", metavar="FILE", type=Path, help="peers: run nothing, take the figures that --json wrote"
+        "--from", dest="file", metavar="FILE", type=Path, help="peers: run nothing, use the figures that --json wrote"
     )
     options = parser.parse_args(arguments)
-    folder = options.output or (None if options.quick else DOCS)
+    folder = options.output or (None if options.quick else DOCS_FOLDER)
     if options.file is not None:
         whole = json.loads(options.file.read_text(encoding="utf-8"))
         if whole["failures"] or not any("sweep" in row for row in whole["rows"]):
-            parser.error(f"{options.file} is not of a run of peers whose results were right; make one with --json")
-        write_page(whole, folder or DOCS)
+            parser.error(f"{options.file} is not a correct run of peers; make one with --json")
+        write_page(whole, folder or DOCS_FOLDER)
         return 0
 
     arguments = [*options.names, *(["--quick"] if options.quick else [])]
@@ -71,8 +72,8 @@ def main(arguments: list[str] | None = None) -> int:
     names = list(BENCHMARKS) if "all" in options.names else options.names
     for name in names:
         report.start(name)
-        module = import_module(f"benchmarks.suites.{TOGETHER.get(name, name)}")
-        getattr(module, name if name in TOGETHER else "run")(report, options.seed)
+        module = import_module(f"benchmarks.suites.{SHARED_MODULES.get(name, name)}")
+        getattr(module, name if name in SHARED_MODULES else "run")(report, options.seed)
     if options.json is not None:
         report.write(options.json)
     if "peers" in names and folder is not None and not report.failures:

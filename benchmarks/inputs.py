@@ -1,4 +1,4 @@
-"""Input maps: random ones and real ones."""
+"""Random and real input maps."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from cspace.arrays import Bools
 
 
 def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, each: int = 16) -> Bools:
-    """Draw boxes of 5 to 100 cells a side until a share of the cells is occupied; ``size`` cells along each axis.
+    """Draw boxes of 5 to 100 cells a side until a share of the cells is occupied.
 
-    The share is computed after every ``each`` boxes, so that small maps may hold more.
+    The map has ``size`` cells along each axis. The share is computed after every ``each`` boxes, so small maps may be
+    denser.
     """
     occupied = np.zeros((size,) * dim, dtype=np.bool_)
     longest = min(100, size // 4)
@@ -26,13 +27,13 @@ def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, eac
 
 
 def data_folder() -> Path | None:
-    """Return the folder of real maps that ``CSPACE_TEST_DATA`` names, if it exists."""
+    """Return the folder ``CSPACE_TEST_DATA`` of real maps, or None."""
     folder = Path(os.environ.get("CSPACE_TEST_DATA", ""))
     return folder if os.environ.get("CSPACE_TEST_DATA") and folder.is_dir() else None
 
 
 def real_map(name: str) -> Workspace | None:
-    """Open a real map by its path in the data folder; return None if it is absent."""
+    """Open a real map of the data folder, or return None."""
     folder = data_folder()
     if folder is None or not (folder / name).is_file():
         return None

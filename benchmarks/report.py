@@ -1,4 +1,4 @@
-"""Report: figures, notes and failed checks of a run, printed at once and saved later."""
+"""Report of a run: figures, notes and failed checks."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from typing import Any
 from benchmarks.timing import Timing
 
 INSTALLED_BY = {"cv2": "opencv-python-headless", "fcl": "python-fcl", "pinocchio": "pin", "vamp": "vamp-planner"}
-"""Names of distributions that differ from their package."""
+"""Distributions whose name differs from their package."""
 
-PACKAGES = ("cspace", "numpy", "scipy", "numba", "shapely", "ompl", "opencv-python-headless")
+REPORTED_PACKAGES = ("cspace", "numpy", "scipy", "numba", "shapely", "ompl", "opencv-python-headless")
 
 
 class Report:
-    """Figures, notes and failed checks.
+    """Figures, notes and failed checks, printed at once and saved later.
 
     Parameters
     ----------
     quick : bool
-        Whether the run takes smaller sizes and fewer repetitions than its figures are meant for.
+        Whether the run has smaller sizes and fewer repetitions than the targets assume.
     command : str
-        The command that makes this run.
+        The command of this run.
     """
 
     def __init__(self, quick: bool, command: str = "") -> None:
@@ -47,17 +47,17 @@ class Report:
         print(f"\n== {benchmark}{' (quick)' if self.quick else ''}", flush=True)
 
     def section(self, case: str) -> None:
-        """Begin another case; ``case`` tells the sizes."""
+        """Begin another case, named by its sizes."""
         self.case = case
         print(f"\n{case}", flush=True)
 
     def note(self, text: str) -> None:
-        """Print and keep a note."""
+        """Print and store a note."""
         self.notes.append(f"{self.benchmark}: {text}")
         print(f"  {text}", flush=True)
 
     def timing(self, name: str, timing: Timing, **more: Any) -> None:
-        """Report the median time of one call and the spread of its runs."""
+        """Report the median time of a call and its spread."""
         low, high = min(timing.seconds), max(timing.seconds)
         cpu = timing.median_cpu if timing.cpu else None
         figures = {"median_s": timing.median, "min_s": low, "max_s": high, "cpu_s": cpu, "runs": len(timing.seconds)}
@@ -73,7 +73,7 @@ class Report:
             self.timing(name, timing)
 
     def has(self, package: str, without: str = "skipped") -> bool:
-        """Return True if a package can be imported; otherwise note what is skipped."""
+        """Return True if a package can be imported; otherwise add a note."""
         if not is_here(package):
             self.note(f"{without}: {package} is not installed; pip install {INSTALLED_BY.get(package, package)}")
         return is_here(package)
@@ -81,9 +81,9 @@ class Report:
     def figure(
         self, name: str, value: float, unit: str = "x", least: float | None = None, most: float | None = None
     ) -> None:
-        """Report a number beside its target, ``least`` or ``most``, which is for full sizes.
+        """Report a number beside its target, ``least`` or ``most``, for full sizes.
 
-        A missed target is printed and is not a failure.
+        A missed target is printed but is not a failure.
         """
         if self.quick:
             least = most = None
@@ -100,8 +100,10 @@ class Report:
     def ratio(
         self, name: str, over: Timing, under: Timing, least: float | None = None, most: float | None = None
     ) -> None:
-        """How many times longer one call takes than another, by the clock; and by CPU time, which other work on the
-        machine disturbs less and which threads do not lower."""
+        """Report the ratio of two timings, by wall time and by CPU time.
+
+        Other work on the machine disturbs CPU time less, and threads do not lower it.
+        """
         self.figure(name, over.median / under.median, least=least, most=most)
         self.mark(over_s=over.median, under_s=under.median, runs=len(over.seconds))
         if over.cpu and under.cpu and under.median_cpu > 0.0:
@@ -109,22 +111,22 @@ class Report:
             print(f"  {'    in CPU time':<58}{f'{cpu:.3g} x':>10}", flush=True)
 
     def check(self, holds: bool, claim: str) -> None:
-        """Report a claim about the results; the run fails if it is false."""
+        """Report a claim about the results; a false claim fails the run."""
         self._row(claim, {"holds": bool(holds)})
         print(f"  {'ok  ' if holds else 'FAIL'} {claim}", flush=True)
         if not holds:
             self.failures.append(f"{self.benchmark}: {self.case}: {claim}")
 
     def mark(self, **values: Any) -> None:
-        """Keep values of the last row that are not printed."""
+        """Store more values of the last row without printing them."""
         self.rows[-1] |= values
 
     def write(self, path: Path) -> None:
-        """Save everything as JSON."""
+        """Save the report as JSON."""
         write_whole(path, json.dumps(self.whole(), indent=1).encode() + b"\n")
 
     def whole(self) -> dict[str, Any]:
-        """Return everything."""
+        """Return all figures, notes and failures."""
         about = {"command": self.command, "machine": self.machine, "quick": self.quick}
         return {**about, "failures": self.failures, "notes": self.notes, "rows": self.rows}
 
@@ -150,12 +152,12 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def machine() -> dict[str, str]:
-    """Return versions and the number of cores that this process may use."""
+    """Return versions and the number of usable cores."""
     from cspace.threads import cores
 
     about = {"cores": str(cores()), "system": f"{platform.system()} {platform.machine()}"}
     about["python"] = platform.python_version()
-    for name in PACKAGES:
+    for name in REPORTED_PACKAGES:
         try:
             about[name] = version(name)
         except PackageNotFoundError:
@@ -172,5 +174,5 @@ def time_text(seconds: float) -> str:
 
 
 def number_text(value: float) -> str:
-    """Format a number with three digits, or all digits before the point."""
+    """Format a number with three digits or as an integer."""
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

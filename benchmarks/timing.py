@@ -15,9 +15,9 @@ from typing import Any
 
 @dataclass
 class Timing:
-    """Wall and CPU times of several runs of one call, and the value of the first run.
+    """Wall and CPU times of the runs of one call, and the value of the first run.
 
-    Where other work slows the clock down, the two differ by more than the number of workers tells.
+    If other work slows the machine, CPU times are more reliable.
     """
 
     value: Any
@@ -25,7 +25,7 @@ class Timing:
     cpu: list[float] = field(default_factory=list)
 
     def take(self, call: Callable[[], Any]) -> Any:
-        """Run a call, keep its times, and return its value."""
+        """Run a call, store its times, and return its value."""
         start, cpu = time.perf_counter(), time.process_time()
         value = call()
         self.seconds.append(time.perf_counter() - start)
@@ -39,14 +39,16 @@ class Timing:
 
     @property
     def median(self) -> float:
+        """Median wall time in seconds."""
         return statistics.median(self.seconds)
 
     @property
     def median_cpu(self) -> float:
+        """Median CPU time in seconds."""
         return statistics.median(self.cpu)
 
     def per(self, number: float) -> Timing:
-        """Return the times divided by a number of items that the call handles."""
+        """Return the times per item of a call that handles a number of items."""
         return Timing(self.value, [taken / number for taken in self.seconds], [taken / number for taken in self.cpu])
 
 
@@ -58,15 +60,15 @@ def once(call: Callable[[], Any]) -> Timing:
 
 
 def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = math.inf) -> dict[str, Timing]:
-    """Time calls alternately, so that other work of the machine affects all of them equally.
+    """Time calls alternately, so that other work affects all calls equally.
 
     Parameters
     ----------
     calls : mapping of str to callable
     runs : int
-        Timed runs of each, after one that is not timed. Each round begins with another call.
+        Timed runs of each call, after an untimed run. Each round begins with another call.
     slow : float
-        Seconds. Of a call whose first run takes longer, that run counts, and there is no other.
+        A call whose first run takes longer, in seconds, is not repeated; that run counts.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = 
 
 
 def memory_rise(call: Callable[[], Any]) -> float | None:
-    """Return the largest rise of resident memory while a call runs, bytes, or None without psutil."""
+    """Return the peak rise of resident memory in bytes, or None without psutil."""
     try:
         import psutil
     except ImportError:
@@ -113,7 +115,7 @@ def memory_rise(call: Callable[[], Any]) -> float | None:
 
 @contextlib.contextmanager
 def one_core() -> Iterator[bool]:
-    """Keep this thread, and those it starts, on one core; yield False if the system cannot."""
+    """Keep this thread and its children on one core; yield False if impossible."""
     if not hasattr(os, "sched_setaffinity"):
         yield False
         return

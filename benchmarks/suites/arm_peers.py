@@ -16,21 +16,21 @@ from cspace import Arm, Robot, build_arm_space
 from cspace.arms import ArmSpace, PosedShape
 from cspace.arrays import Floats
 
-RESOLUTION = 0.01
-"""Longest step that OMPL checks by default, as a share of the extent of the space."""
+OMPL_RESOLUTION = 0.01
+"""Largest step that OMPL checks by default, as a share of the extent of the space."""
 
-CLOSE = 1e-6
-"""Tolerance of coal, metres: colliding bodies may be this far apart."""
+COAL_TOLERANCE = 1e-6
+"""Largest distance at which coal calls bodies colliding, metres."""
 
 
 @dataclass(frozen=True)
 class Folder:
-    """A robot's URDF and SRDF, and problems for it.
+    """A robot's URDF, SRDF and problems.
 
     Attributes
     ----------
     path : Path
-        Its name is the robot's.
+        Folder with the robot's name.
     """
 
     path: Path
@@ -51,28 +51,28 @@ class Folder:
     def arm(self) -> Arm:
         return Arm.from_urdf(self.urdf, self.srdf)
 
-    def problems(self, number: int) -> Iterator[Problem]:
+    def problems(self, number: int) -> Iterator[ArmProblem]:
         """Yield a number of problems of each set, evenly spaced."""
         listed = json.loads((self.path / "problems.json").read_text(encoding="utf-8"))
         order = [listed["joints"].index(name) for name in self.arm.joints]
         for name, problems in listed["problems"].items():
             for row in problems[:: max(1, len(problems) // number)][:number]:
-                # Configurations at a limit may exceed it, because they are written with fewer digits.
+                # Configurations at a limit may exceed it, because files round them.
                 endpoints = np.array([row["start"], *row["goals"]])[:, order].clip(self.arm.lower, self.arm.upper)
-                yield Problem(self, name, row, endpoints[0], endpoints[1:])
+                yield ArmProblem(self, name, row, endpoints[0], endpoints[1:])
 
 
 @dataclass(frozen=True)
-class Problem:
+class ArmProblem:
     """A start and goals of an arm among obstacles.
 
     Attributes
     ----------
     folder : Folder
     name : str
-        Of the set.
+        Name of the problem set.
     row : mapping
-        As the file has it.
+        Row of the file.
     start : ndarray of float64, shape (dof,)
     goals : ndarray of float64, shape (n, dof)
     """
@@ -85,7 +85,7 @@ class Problem:
 
     @property
     def solids(self) -> list[Solid]:
-        """The obstacles."""
+        """Obstacles."""
         solids = []
         for kind, names in (("box", ["half_extents"]), ("cylinder", ["radius", "length"]), ("sphere", ["radius"])):
             for each in self.row[kind]:
@@ -108,13 +108,13 @@ Solid = tuple[str, str, Floats, tuple[float, ...]]
 
 
 def our_solids(solids: Sequence[Solid]) -> dict[str, PosedShape]:
-    """Return solids as obstacles of this library."""
+    """Convert solids to obstacles of this library."""
     make = {"box": lambda *sides: Robot.box(sides), "cylinder": Robot.cylinder, "sphere": Robot.ball}
     return {name: PosedShape(make[kind](*sizes).shape, pose) for name, kind, pose, sizes in solids}
 
 
 def coal_solids(solids: Sequence[Solid]) -> list[tuple[str, Any, Floats]]:
-    """Return name, geometry and pose of solids, for coal."""
+    """Convert solids to names, geometries and poses for coal."""
     import coal
 
     make = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
@@ -122,13 +122,13 @@ def coal_solids(solids: Sequence[Solid]) -> list[tuple[str, Any, Floats]]:
 
 
 class Meshes:
-    """The collision geometry of an arm among obstacles, placed by pinocchio and tested by coal.
+    """Meshes of an arm among obstacles, posed by pinocchio and tested by coal.
 
     Parameters
     ----------
     urdf : Path
     joints : sequence of str
-        Those that a configuration moves, in its order.
+        Joints in the order of configurations.
     solids : sequence of tuple
         Name, coal's geometry and pose of each obstacle.
     srdf : Path, optional
@@ -152,7 +152,7 @@ class Meshes:
         links = list(geometry.geometryObjects)
         for each in links:
             if each.meshPath.lower().endswith(".obj"):
-                each.geometry = _as_written(each.meshPath, tuple(each.meshScale))
+                each.geometry = _read_geometry(each.meshPath, tuple(each.meshScale))
         geometry.addAllCollisionPairs()
         if srdf is not None:
             pin.removeCollisionPairs(model, geometry, str(srdf))
@@ -176,16 +176,16 @@ class Meshes:
         return bool(self._pin.computeCollisions(*arguments, True))
 
     def distance(self, q: Floats) -> float:
-        """Return the distance of the nearest pair, metres; negative if they meet."""
+        """Return the distance of the nearest pair in metres; negative in collision."""
         self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, self._of(q))
         return min((each.min_distance for each in self._placed.distanceResults), default=np.inf)
 
     def is_wrong(self, q: Floats) -> bool:
         """Return True if a configuration certainly collides."""
-        return self.collides(q) and self.distance(q) < CLOSE
+        return self.collides(q) and self.distance(q) < COAL_TOLERANCE
 
     def first_collision(self, q0: Floats, q1: Floats, step: float) -> float | None:
-        """Return the share of a motion before a collision, in steps that no joint exceeds, or None."""
+        """Return the share of a motion before a collision, or None; ``step`` is per joint."""
         count = max(1, int(np.ceil(np.abs(q1 - q0).max() / step)))
         for part in np.linspace(0.0, 1.0, count + 1):
             if self.is_wrong(q0 + part * (q1 - q0)):
@@ -193,7 +193,7 @@ class Meshes:
         return None
 
     def _of(self, q: Floats) -> Floats:
-        """Convert a configuration for pinocchio: continuous joints become cosine and sine."""
+        """Convert a configuration to pinocchio's, with cosine and sine of continuous joints."""
         numbers = np.zeros(self._model.nq)
         for value, (first, size) in zip(q, self._joints, strict=True):
             numbers[first : first + size] = value if size == 1 else (np.cos(value), np.sin(value))
@@ -201,11 +201,11 @@ class Meshes:
 
 
 @cache
-def _as_written(path: str, scale: tuple[float, float, float]) -> Any:
-    """Return coal's geometry of the triangles in a mesh file.
+def _read_geometry(path: str, scale: tuple[float, float, float]) -> Any:
+    """Read the triangles of a mesh file for coal.
 
-    Pinocchio's reader mixes up vertices where an OBJ has several objects: of the 1308 triangles of a Panda's sixth link
-    it leaves 161 as they are, and so saw collisions where there are none, and none where there are some.
+    Pinocchio's reader confuses vertices if an OBJ has several objects: only 161 of the 1308 triangles of a Panda's
+    sixth link are right, which gives false collisions and misses true ones.
     """
     import coal
     import trimesh
@@ -219,27 +219,23 @@ def _as_written(path: str, scale: tuple[float, float, float]) -> Any:
     return model
 
 
-def discrete(meshes: Meshes, arm: Arm, q0: Floats, q1: Floats) -> bool:
-    """Return True if a motion is free at OMPL's default resolution, 1 % of the extent of the space."""
+def check_discrete(meshes: Meshes, arm: Arm, q0: Floats, q1: Floats) -> bool:
+    """Return True if a motion is free at OMPL's default resolution."""
     extent = float(np.linalg.norm(arm.upper - arm.lower))
-    count = max(1, int(np.ceil(np.linalg.norm(q1 - q0) / (RESOLUTION * extent))))
+    count = max(1, int(np.ceil(np.linalg.norm(q1 - q0) / (OMPL_RESOLUTION * extent))))
     return not any(meshes.collides(q0 + part * (q1 - q0)) for part in np.linspace(0.0, 1.0, count + 1))
 
 
 class Vamp:
-    """VAMP's checks and planner of one of its robots.
-
-    Parameters
-    ----------
-    problem : Problem
+    """VAMP's checks and planner for a problem.
 
     Attributes
     ----------
     own_seconds : float
-        What the last search took by VAMP's own clock, which leaves out how arguments get there.
+        Time of the last search by VAMP's clock, without the passing of arguments.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: ArmProblem) -> None:
         import vamp
 
         self.own_seconds = 0.0
@@ -271,7 +267,7 @@ class Vamp:
 
 
 def solve_by_ompl(meshes: Meshes, arm: Arm, start: Floats, goals: Floats, seed: int, seconds: float) -> Floats | None:
-    """Return a path by OMPL's RRTConnect with coal in the callback and default resolution, or None."""
+    """Return a path by OMPL's RRTConnect with coal in the callback, or None."""
     from ompl import base as ob
     from ompl import geometric as og
     from ompl import util as ou

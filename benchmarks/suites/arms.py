@@ -1,6 +1,6 @@
-"""Arms: problems of a public benchmark solved with proofs, against OMPL with coal, and VAMP.
+"""Plans of arms on a public benchmark, against OMPL with coal and VAMP.
 
-Paths of each are checked in small steps by the meshes.
+All paths are checked in small steps with the meshes.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from benchmarks import inputs
 from benchmarks.report import Report, is_here
 from benchmarks.suites.arm_peers import (
+    ArmProblem,
     Folder,
-    Problem,
     Vamp,
-    discrete,
+    check_discrete,
     solve_by_ompl,
 )
 from benchmarks.timing import Timing
@@ -28,8 +28,8 @@ from cspace.arms import Arm, ArmSpace
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 
-ROBOTS = {"panda": 0.95, "ur5": 0.9}
-"""Arms in the folder of data, and the target share of solved problems."""
+MIN_SOLVED_SHARE = {"panda": 0.95, "ur5": 0.9}
+"""Target share of solved problems, for each arm in the data folder."""
 
 ARM_SEARCH_SECONDS = 5.0
 """Time limit of a search, seconds."""
@@ -40,7 +40,7 @@ MIN_OMPL_RATIO = 20.0
 CLOSE_CHECK_STEP = 0.005
 """Largest step of a joint between close checks of a motion, radians."""
 
-MOTIONS = 20
+MOTIONS_PER_PROBLEM = 20
 """Number of motions tested for each problem."""
 
 OURS, SEARCH = "ours, find_path", "ours, its search alone"
@@ -56,7 +56,7 @@ def run(report: Report, seed: int) -> None:
     if not (report.has("ompl") and report.has("pinocchio")):
         return
     report.has("vamp", "VAMP skipped")
-    for robot, least in ROBOTS.items():
+    for robot, least in MIN_SOLVED_SHARE.items():
         files = Folder(folder / "arms" / robot)
         if not files.path.is_dir():
             report.note(f"{robot} skipped: not in the folder of data")
@@ -70,7 +70,7 @@ def run(report: Report, seed: int) -> None:
         _judge(report, problems[:: 1 if report.quick else 5], np.random.default_rng(seed))
 
 
-def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> None:
+def _plan(report: Report, problems: list[ArmProblem], least: float, seed: int) -> None:
     """Compare solved problems, times and colliding paths."""
     timings: dict[str, Timing] = {}
     solved, colliding, sets = Counter[str](), Counter[str](), list[str]()
@@ -111,12 +111,12 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
     for name, timing in timings.items():
         report.timing(name, timing, solved=f"{solved[name]} of {len(sets)}", colliding=colliding[name])
     if own:
-        report.note(f"VAMP by its own clock, without what passes arguments on: {statistics.median(own) * 1e3:.3g} ms")
+        report.note(f"VAMP by its own clock, without the passing of arguments: {statistics.median(own) * 1e3:.3g} ms")
     report.figure("share of the problems that ours solves", solved[OURS] / len(sets), "", least=least)
     report.check(proven, f"ours: all {solved[OURS]} paths are proven, from the start on")
-    summary = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, looked at every {CLOSE_CHECK_STEP:g} rad"
+    summary = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, tested every {CLOSE_CHECK_STEP:g} rad"
     report.check(not colliding[OURS], summary)
-    # VAMP's path is shortened, OMPL's is not.
+    # Only VAMP's path is shortened.
     report.ratio(f"{OMPL} / {SEARCH}", timings[OMPL], timings[SEARCH], least=MIN_OMPL_RATIO)
     for name in [name for name in (OMPL, VAMP) if name in timings]:
         report.ratio(f"{name} / {OURS}", timings[name], timings[OURS])
@@ -130,33 +130,33 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
 def _solve(space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: bool) -> Floats | None:
     try:
         return space.find_path(start, goals, straight=straight, seed=seed, time_limit=ARM_SEARCH_SECONDS)
-    except ConfigurationError:  # the start, or each goal, is not proven free
+    except ConfigurationError:  # the start or all goals are not proven free
         return None
 
 
-def _judge(report: Report, problems: list[Problem], rng: np.random.Generator) -> None:
-    """Count motions near starts and goals that a peer calls free but that collide by the meshes."""
-    asked, free, colliding, lost = 0, Counter[str](), Counter[str](), 0
+def _judge(report: Report, problems: list[ArmProblem], rng: np.random.Generator) -> None:
+    """Count colliding motions near starts and goals that each peer calls free."""
+    count, free, colliding, lost = 0, Counter[str](), Counter[str](), 0
     for problem in problems:
         space, meshes, arm = problem.space(), problem.meshes(), problem.folder.arm
         checks: dict[str, Callable[[Floats, Floats], bool]] = {
             "ours": lambda a, b, space=space: bool(space.motion_is_free(a, b)),
-            "OMPL, coal at its usual resolution": partial(discrete, meshes, arm),
+            "OMPL, coal at its usual resolution": partial(check_discrete, meshes, arm),
         }
         if is_here("vamp"):
             checks["VAMP"] = Vamp(problem).motion_is_free
         endpoints = np.vstack([problem.start, problem.goals])
-        for _ in range(MOTIONS):
+        for _ in range(MOTIONS_PER_PROBLEM):
             q0 = _near(endpoints[rng.integers(len(endpoints))], rng.choice([0.05, 0.2]), arm, rng)
             q1 = _near(q0, rng.choice([0.1, 0.3, 1.0]), arm, rng)
-            asked += 1
+            count += 1
             answers = {name: check(q0, q1) for name, check in checks.items()}
-            truth = meshes.first_collision(q0, q1, CLOSE_CHECK_STEP) is not None
-            lost += not truth and not answers["ours"]
+            collides = meshes.first_collision(q0, q1, CLOSE_CHECK_STEP) is not None
+            lost += not collides and not answers["ours"]
             for name, answer in answers.items():
                 free[name] += answer
-                colliding[name] += answer and truth
-    report.note(f"{asked} motions about starts and goals, looked at every {CLOSE_CHECK_STEP:g} rad:")
+                colliding[name] += answer and collides
+    report.note(f"{count} motions near starts and goals, tested every {CLOSE_CHECK_STEP:g} rad:")
     for name in free:
         share = f"{colliding[name] / max(free[name], 1):.1%}"
         claim = f"{name}: {free[name]} motions called free, of which {colliding[name]} collide ({share})"

@@ -1,4 +1,4 @@
-"""Spectra of balls, Minkowski sums, overlaps at many placements and early misses, against direct methods."""
+"""Spectra, Minkowski sums, overlaps and early misses, against direct methods."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from tests.soak.frequency import POOL, Body, oracle, overlap_of, pool_body, rand
 
 Complexes = NDArray[np.complex128]
 
-BALLS = 10_000
-FREQUENCIES = {2: 256, 3: 128}
+BALL_COUNT = 10_000
+FREQUENCIES_PER_AXIS = {2: 256, 3: 128}
 """Frequencies along each axis, by dimension."""
 
 PERIOD_IN_SIDES = 1.2
@@ -39,24 +39,24 @@ BALL_RADII = (0.01, 0.04)
 TOLERANCE = 1e-9
 MIN_SPECTRUM_RATIO = 50.0
 
-PAIRS = 2**30
+MAX_DIRECT_PAIRS = 2**30
 """Maximum number of pairs of a ball and a frequency in a direct sum."""
 
 TABLE_STEP = 2.0**-10
 """Step of the table of a bump's spectrum; cubic interpolation errs by less than 1e-10 of F(0)."""
 
 DESCRIPTOR_CELLS = 1024
-KERNELS = (9, 33)
-"""Cells along each side of the descriptors that are added to one of 1024 x 1024 cells, by each method."""
+KERNEL_CELLS = (9, 33)
+"""Cells along each side of the smaller descriptors of Minkowski sums."""
 
 MIN_MINKOWSKI_RATIO = 100.0
 
-PLACEMENTS = 100_000
+PLACEMENT_COUNT = 100_000
 MIN_VALUES_RATIO = 20.0
 SINGLE_PLACEMENTS = {2: 20_000, 3: 200}
 """Placements evaluated one by one, by dimension."""
 
-SCENES = {2: 10, 3: 3}
+SCENE_COUNT = {2: 10, 3: 3}
 """Random scenes with nine of ten placements clear, by dimension."""
 
 SCENE_PLACEMENTS = 2000
@@ -64,7 +64,7 @@ PLACEMENT_SIDES = {2: 12.0, 3: 7.0}
 """Side of the square or cube of the placements, in sizes of the bodies."""
 
 GROWTH_FACTORS = (1.0, 2.0)
-"""Growth of balls, in the smaller median radius of the two bodies."""
+"""Growth of balls, over the smaller median radius of the two bodies."""
 
 MAX_FREQUENCY_SHARE = 0.05
 """Target: share of the frequencies used for a miss."""
@@ -88,7 +88,7 @@ def run(report: Report, seed: int) -> None:
 def _direct(
     centers: Floats, starts: Ints, radii: Floats, weights: Floats, table: Floats, frequencies: Floats
 ) -> Complexes:
-    """Sum term by term on all cores; balls are sorted by radius, whose factor is computed once."""
+    """Sum term by term on all cores, with one factor for each radius of sorted balls."""
     out = np.zeros(len(frequencies), np.complex128)
     for n in prange(len(frequencies)):
         u, v, w = frequencies[n]
@@ -109,7 +109,7 @@ def _direct(
 
 
 def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], Complexes]:
-    """Return a function that sums over all balls, at indices of the flattened lattice."""
+    """Return a function that sums over all balls at lattice indices."""
     dim = centers.shape[1]
     order = np.argsort(radii, kind="stable")
     sizes, starts = np.unique(radii[order], return_index=True)
@@ -129,9 +129,9 @@ def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], 
 
 
 def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
-    """Compare spectra of many balls with one, several, and all different radii."""
-    number = BALLS // 10 if report.quick else BALLS
-    count = FREQUENCIES[dim] // (4 if report.quick else 1)
+    """Compare spectra of balls with one, several, and all different radii."""
+    number = BALL_COUNT // 10 if report.quick else BALL_COUNT
+    count = FREQUENCIES_PER_AXIS[dim] // (4 if report.quick else 1)
     centers = rng.uniform(0.0, 1.0, (number, dim))
     several = np.linspace(*BALL_RADII, 8)
     for name, radii in (
@@ -144,7 +144,7 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
         ours = interleave({"ours": call}, 3 if report.quick else 5)["ours"]
         report.timing(f"ours, tolerance {TOLERANCE:g}", ours)
         whole = count**dim
-        asked = min(whole, max(1, PAIRS // number))
+        asked = min(whole, max(1, MAX_DIRECT_PAIRS // number))
         places = np.arange(whole) if asked == whole else rng.choice(whole, asked, replace=False)
         direct = once(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
         report.timing(f"direct sum, extrapolated from 1 / {whole / asked:.4g}", direct)
@@ -180,11 +180,11 @@ def _bumps(cells: int, rng: np.random.Generator) -> Descriptor:
 
 
 def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: np.random.Generator) -> None:
-    """Compare sums by FFT and directly, with few cells and, extrapolated, with as many."""
+    """Compare sums by FFT with direct sums, extrapolated for equal sizes."""
     cells = DESCRIPTOR_CELLS // 4 if report.quick else DESCRIPTOR_CELLS
     f = make(cells, rng)
     _convolution(f.values[:2], f.values[:2])  # compiles it
-    for across in KERNELS:
+    for across in KERNEL_CELLS:
         g = make(across, rng)
         report.section(f"Minkowski sum of {name}: {cells} x {cells} and {across} x {across} cells")
         fft = interleave({"": partial(minkowski_sum, f, g, "fft")}, 3)[""]
@@ -200,7 +200,7 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
         largest = float(sums[1].max())
         off = max(float(np.abs(fft.value.values - each).max()) for each in (sums[0].values, sums[1]))
         report.check(off <= 1e-12 * largest, f"all sums: equal within {off / largest:.1g} of the largest")
-        # Values near the boundary of a bump are tiny, so their products may underflow; products of booleans do not.
+        # Products of tiny values near the boundary of a bump may underflow; products of booleans do not.
         shape = _convolution(superlevel(f).astype(np.float64), superlevel(g).astype(np.float64)) > 0.5
         same = all(bool((superlevel(each) == shape).all()) for each in (fft.value, sums[0]))
         report.check(same, "fft and direct: above zero just where some product is")
@@ -218,10 +218,10 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
 
 
 def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> None:
-    """Compare overlaps and gradients at many placements together with one by one."""
+    """Compare overlaps and gradients in a batch with single calls."""
     tolerance = 0.1 if report.quick else 1e-3
     overlap = overlap_of(pool_body(seed, 0, dim), [pool_body(seed, 1, dim)], 0.5, 8, Bump(2.0), tolerance, inner=False)
-    number = PLACEMENTS // 10 if report.quick else PLACEMENTS
+    number = PLACEMENT_COUNT // 10 if report.quick else PLACEMENT_COUNT
     single = min(number, SINGLE_PLACEMENTS[dim] // 20 if report.quick else SINGLE_PLACEMENTS[dim])
     where = "in the plane" if dim == 2 else "in space"
     report.section(f"{number} placements {where}, {overlap.frequencies} frequencies (opposite ones counted once)")
@@ -242,8 +242,8 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
 
 
 def _misses(report: Report, seed: int, dim: int) -> None:
-    """Measure the number of frequencies of a miss, with and without swollen balls."""
-    numbers = range(1 if report.quick else SCENES[dim])
+    """Measure the frequencies that a miss needs, with and without swollen balls."""
+    numbers = range(1 if report.quick else SCENE_COUNT[dim])
     scenes = [_scene(seed, dim, np.random.default_rng([seed, number, 50 + dim])) for number in numbers]
     for share in GROWTH_FACTORS[-1:] if report.quick else GROWTH_FACTORS:
         parts: dict[bool, list[Floats]] = {True: [], False: []}
@@ -279,7 +279,7 @@ def _misses(report: Report, seed: int, dim: int) -> None:
 
 
 def _scene(seed: int, dim: int, rng: np.random.Generator) -> tuple[Body, list[Body], Floats, Bools]:
-    """Draw a body, obstacles that leave nine of ten placements clear, placements, and collisions."""
+    """Draw a body, obstacles at 10 % of the placements, placements, and collisions."""
     body = pool_body(seed, int(rng.integers(POOL)), dim).place(1.0, random_turn(rng, dim), np.zeros(dim))
     ts = rng.uniform(0.0, PLACEMENT_SIDES[dim], (SCENE_PLACEMENTS, dim))
     others: list[Body] = []

@@ -1,4 +1,4 @@
-"""Rasterization of a closed mesh of 100,000 triangles into 256^3 cells, against trimesh's voxelizer."""
+"""Rasterization of a mesh of 100,000 triangles into 256^3 cells, against trimesh."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from cspace.arrays import Bools, Floats, Ints
 from cspace.shapes.mesh import Mesh
 
 TORUS_POINTS = (250, 200)
-"""Points along the two circles of a torus; twice as many triangles as points."""
+"""Points along the two circles of a torus, which has two triangles a point."""
 
 CELLS_PER_SIDE = 256
 MAX_SECONDS = 2.0
 """Target, seconds."""
 
-UNIT = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+UNIT_BOUNDS = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
 
 def run(report: Report, seed: int) -> None:
-    """Rasterise a bumpy torus that fills the unit cube, as a surface and as a solid."""
+    """Rasterise a bumpy torus as a surface and as a solid."""
     rng = np.random.default_rng(seed)
     around, cells, runs = ((50, 40), 64, 3) if report.quick else (TORUS_POINTS, CELLS_PER_SIDE, 5)
     vertices, faces = _torus(*around, rng)
@@ -92,7 +92,7 @@ def _torus(around: int, across: int, rng: np.random.Generator) -> tuple[Floats, 
 
 
 def _ours(vertices: Floats, faces: Ints, spacing: float, solid: str) -> Workspace:
-    return Workspace.from_mesh((vertices, faces), spacing, UNIT, solid=solid)  # type: ignore[arg-type]
+    return Workspace.from_mesh((vertices, faces), spacing, UNIT_BOUNDS, solid=solid)  # type: ignore[arg-type]
 
 
 def _trimesh(vertices: Floats, faces: Ints, spacing: float, fill: bool) -> Bools:

@@ -30,20 +30,20 @@ def ours(workspace: Workspace, robot: Robot, method: str) -> Bools:
     return space.cell_states.view(np.bool_)  # FREE is 0 and MIXED 1
 
 
-def named(method: str) -> str:
-    """Return the name of one of our engines in reports."""
+def engine_label(method: str) -> str:
+    """Return the label of an engine of ours."""
     return f'ours, "{method}"'
 
 
-def across(cells: NDArray[Any]) -> str:
-    """Return the number of cells along each axis, as text."""
+def shape_text(cells: NDArray[Any]) -> str:
+    """Format the number of cells along each axis."""
     return " x ".join(map(str, cells.shape))
 
 
-def convolved(
+def convolve_map(
     convolve: Callable[..., NDArray[Any]], occupied: NDArray[Any], kernel: NDArray[Any], raster: Raster
 ) -> Bools:
-    """Compute the map by one of SciPy's convolutions, with the flipped cells of the raster as the kernel."""
+    """Compute the map by a convolution of SciPy with the raster's flipped cells."""
     whole = convolve(occupied, kernel, mode="full")
     window = tuple(slice(high, high + n) for high, n in zip(raster.upper, occupied.shape, strict=True))
     return np.asarray(whole[window] > 0.5)
@@ -54,7 +54,7 @@ def convolved(
 
 @jit
 def _stamp(out: Bools, border: Ints, runs: Ints) -> None:
-    """Set the rows ``(x, first y, stop y)`` of a bitmap around every border cell, clipped to the map."""
+    """Set the runs ``(x, start y, stop y)`` around every border cell, clipped to the map."""
     nx, ny = out.shape
     for c in range(border.shape[0]):
         x, y = border[c]
@@ -65,10 +65,10 @@ def _stamp(out: Bools, border: Ints, runs: Ints) -> None:
 
 
 def stamp(occupied: Bools, rasters: Sequence[Raster]) -> list[Bools]:
-    """Print the bitmap of each raster around the obstacle cells on a border, one thread a raster.
+    """Stamp each raster around the border cells of obstacles, with a thread for each raster.
 
-    A connected robot that meets the obstacles meets one of their border cells, or has all of its offsets in them. The
-    border cells are stamped; the others are covered by the map itself, moved by one of the offsets.
+    A connected robot that meets obstacles meets a border cell or lies inside. Stamps cover the first case; a copy of
+    the map, shifted by one offset, covers the second.
     """
     border = border_cells(occupied)
 
@@ -76,7 +76,7 @@ def stamp(occupied: Bools, rasters: Sequence[Raster]) -> list[Bools]:
         steps = np.diff(np.pad(raster.cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
         (rows, starts), stops = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
         x, y = raster.lower
-        # A configuration k is hit if k + m is occupied, so the runs are those of the offsets -m.
+        # A configuration k collides if cell k + m is occupied, so the runs contain the offsets -m.
         runs = np.column_stack([-(rows + x), 1 - (stops + y), 1 - (starts + y)])
         offset = (np.argwhere(raster.cells)[raster.count // 2] + raster.lower).tolist()
         target, source = zip(*map(_overlap, occupied.shape, offset), strict=True)
@@ -90,14 +90,14 @@ def stamp(occupied: Bools, rasters: Sequence[Raster]) -> list[Bools]:
 
 
 def border_cells(occupied: Bools) -> Ints:
-    """Return occupied cells beside a free cell or on the border of the map, shape (n, 2)."""
+    """Return occupied cells (n, 2) beside a free cell or on the map's border."""
     wide = np.pad(occupied, 1)
     hidden = wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
     return np.argwhere(occupied & ~hidden)
 
 
 def _overlap(size: int, by: int) -> tuple[slice, slice]:
-    """Return the cells k and k + by, where both are in the map."""
+    """Return the slices of cells k and k + by that both lie in the map."""
     by = min(max(by, -size), size)
     return slice(max(0, -by), size - max(0, by)), slice(max(0, by), size - max(0, -by))
 
@@ -105,18 +105,18 @@ def _overlap(size: int, by: int) -> tuple[slice, slice]:
 # ---- peers -----------------------------------------------------------------------------------------------------------
 
 
-class Peer(NamedTuple):
-    """A library's method to compute the map.
+class MapPeer(NamedTuple):
+    """A method of another library to compute the map.
 
     Attributes
     ----------
     name : str
     ready : callable
-        From the map and the robot's raster to the call that is timed; copies that the peer needs are made here.
+        Takes the map and the robot's raster, makes copies for the peer, and returns the timed call.
     work : callable
-        From the map's shape and the raster to a number that its time is taken to grow with.
+        Estimates the work, to which time is proportional, from the map's shape and the raster.
     dims : tuple of int
-        Dimensions that it works in.
+        Supported dimensions.
     """
 
     name: str
@@ -125,18 +125,18 @@ class Peer(NamedTuple):
     dims: tuple[int, ...] = (2, 3)
 
 
-def peers(dim: int) -> list[Peer]:
-    """Return the peers that are installed and work in a dimension."""
+def peers(dim: int) -> list[MapPeer]:
+    """Return the installed peers for a dimension."""
     return [peer for peer in PEERS if dim in peer.dims and (is_here("cv2") or not peer.name.startswith("cv2"))]
 
 
 def _convolution(name: str, precision: type[np.floating[Any]], occupied: Bools, raster: Raster) -> Call:
     kernel = np.flip(raster.cells).astype(precision)
-    return partial(convolved, getattr(signal, name), occupied.astype(precision), kernel, raster)
+    return partial(convolve_map, getattr(signal, name), occupied.astype(precision), kernel, raster)
 
 
 def _binary_dilation(occupied: Bools, raster: Raster) -> Call:
-    # SciPy centers the kernel on shape // 2, where a disc around the reference point has its own center.
+    # SciPy centers the kernel on shape // 2, which is the center of a disc around the reference point.
     return partial(ndimage.binary_dilation, occupied, np.flip(raster.cells))
 
 
@@ -160,17 +160,17 @@ def _filter(occupied: Bools, raster: Raster) -> Call:
 
 
 def _anchor(raster: Raster) -> tuple[int, int]:
-    """Return the reference point for OpenCV: column, row."""
+    """Return the reference point for OpenCV (column, row)."""
     return -raster.lower[1], -raster.lower[0]
 
 
 def _pairs(shape: Sequence[int], raster: Raster) -> float:
-    """Count pairs of a cell of the map and a cell of the robot."""
+    """Count pairs of map cells and robot cells."""
     return math.prod(shape) * float(raster.count)
 
 
 def _points(shape: Sequence[int], raster: Raster) -> float:
-    """Count points of a transform of the whole map, times the steps per point."""
+    """Count points of a transform of the whole map, times steps per point."""
     points = float(math.prod(n + r - 1 for n, r in zip(shape, raster.cells.shape, strict=True)))
     return points * math.log2(points + 1.0)
 
@@ -180,15 +180,15 @@ def _cells(shape: Sequence[int], raster: Raster) -> float:
 
 
 def _rows(shape: Sequence[int], raster: Raster) -> float:
-    """Count pairs of a cell of the map and a row of the robot."""
+    """Count pairs of map cells and robot rows."""
     return math.prod(shape) * float(len(raster.cells))
 
 
 PEERS = (
-    Peer("fftconvolve float64", partial(_convolution, "fftconvolve", np.float64), _points),
-    Peer("oaconvolve float32", partial(_convolution, "oaconvolve", np.float32), _cells),
-    Peer("ndimage.binary_dilation", _binary_dilation, _pairs),
-    Peer("stamping, compiled", _stamping, _rows, (2,)),
-    Peer("cv2.dilate", _dilate, _pairs, (2,)),
-    Peer("cv2.filter2D", _filter, _cells, (2,)),
+    MapPeer("fftconvolve float64", partial(_convolution, "fftconvolve", np.float64), _points),
+    MapPeer("oaconvolve float32", partial(_convolution, "oaconvolve", np.float32), _cells),
+    MapPeer("ndimage.binary_dilation", _binary_dilation, _pairs),
+    MapPeer("stamping, compiled", _stamping, _rows, (2,)),
+    MapPeer("cv2.dilate", _dilate, _pairs, (2,)),
+    MapPeer("cv2.filter2D", _filter, _cells, (2,)),
 )

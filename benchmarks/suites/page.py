@@ -1,4 +1,4 @@
-"""The page of a run against peers: tables in Markdown, and a plot of cost over sizes of maps and robots."""
+"""Page of a run against peers: tables in Markdown and a plot of cost over sizes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from benchmarks.report import number_text, time_text
-from benchmarks.suites.outer_maps import named
+from benchmarks.suites.outer_maps import engine_label
 
 Row = Mapping[str, Any]
 
 # Colours safe for the colour-blind (Okabe and Ito, 2008), each with its own marker.
 STYLES: dict[str, dict[str, Any]] = {
-    named("fft"): {"color": "#0072B2", "marker": "o", "linewidth": 2.6},
-    named("direct"): {"color": "#D55E00", "marker": "s", "linewidth": 2.6},
+    engine_label("fft"): {"color": "#0072B2", "marker": "o", "linewidth": 2.6},
+    engine_label("direct"): {"color": "#D55E00", "marker": "s", "linewidth": 2.6},
     "fftconvolve float64": {"color": "#CC79A7", "marker": "^"},
     "oaconvolve float32": {"color": "#009E73", "marker": "v"},
     "ndimage.binary_dilation": {"color": "#56B4E9", "marker": "D"},
@@ -28,7 +28,7 @@ STYLES: dict[str, dict[str, Any]] = {
     "coal": {"color": "#4B0082", "marker": ".", "linestyle": ":"},
 }
 
-CHOSEN = named("auto")
+CHOSEN = engine_label("auto")
 GREY = "#333333"
 
 OURS = (
@@ -38,7 +38,7 @@ OURS = (
 
 
 def write(whole: Mapping[str, Any], plot: str) -> str:
-    """Return the page of a whole report, with the path of the plot from the page."""
+    """Write the page of a report in Markdown, with the path of its plot."""
     rows: Sequence[Row] = whole["rows"]
     checks = [row["holds"] for row in rows if "holds" in row]
     versions = ", ".join(f"{key} {value}" for key, value in whole["machine"].items() if key not in ("cores", "system"))
@@ -59,7 +59,7 @@ def write(whole: Mapping[str, Any], plot: str) -> str:
 
 
 def _promises(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return the table of all figures that have a target."""
+    """Return the table of figures with targets."""
     head = ["work", "compared", "times", "ratio or figure", "in CPU time", "target", ""]
     body, before = [], ""
     for row in rows:
@@ -79,38 +79,38 @@ def _promises(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
 
 def _sweep(rows: Sequence[Row], sweep: str) -> list[str]:
     """Return heading, table and remarks of one sweep."""
-    own = [row for row in rows if row.get("sweep") == sweep]
-    points = [row for row in own if "size" in row]
+    of_sweep = [row for row in rows if row.get("sweep") == sweep]
+    points = [row for row in of_sweep if "size" in row]
     sizes = _unique((row["size"], row["across"]) for row in points)
     methods = _unique(row["way"] for row in points if "way" in row)
     of_map = len({size for size, _ in sizes}) > 1
-    # What stays the same: the robot, or the map.
+    # The robot is fixed in sweeps over maps, and the map in sweeps over robots.
     fixed = sizes[0][1] if of_map else sizes[0][0]
     dim, shape = points[0]["dim"], "disc" if points[0]["dim"] == 2 else "ball"
     sampled = {row["way"]: row["extrapolated_from"] for row in points if "extrapolated_from" in row}
-    named = [f"{way}, extrapolated" if way in sampled else way for way in methods]
+    labels = [f"{way}, extrapolated" if way in sampled else way for way in methods]
     first = "map" if of_map else f"{shape}, cells across"
     body = []
     for size, across in sizes:
         here = [row for row in points if (row["size"], row["across"]) == (size, across)]
         label = " x ".join([str(size)] * dim) if of_map else str(across)
         body.append([label, *(_cell(here, way) for way in methods), _choice(here)])
-    for over in _unique(row["over"] for row in own if "exponent_of" in row):
-        slopes = {row["exponent_of"]: f"{row['value']:.2f}" for row in own if row.get("over") == over}
+    for over in _unique(row["over"] for row in of_sweep if "exponent_of" in row):
+        slopes = {row["exponent_of"]: f"{row['value']:.2f}" for row in of_sweep if row.get("over") == over}
         body.append([f"exponent, {over}", *(slopes.get(way, "") for way in methods), ""])
     what = f"{shape} {fixed} cells across" if of_map else f"map of {' x '.join([str(fixed)] * dim)} cells"
     place = "the plane" if dim == 2 else "space"
     parts = [
         f"## Cost in {place} over the size of the {'map' if of_map else 'robot'}",
         f"Obstacles in boxes, {what}.",
-        _table([first, *named, '"auto" took'], body),
+        _table([first, *labels, '"auto" took'], body),
     ]
     if any(row.get("left_out") for row in points):
         parts.append("In brackets: not run; the time is an estimate.")
     for way, number in sampled.items():
         parts.append(
-            f"{way} tests one configuration at a time. It ran for one in each of {number} cells, and the time is "
-            "extrapolated to all cells. Its tree was built before."
+            f"{way} tests one configuration at a time. It ran in each of {number} cells, and the time is "
+            "extrapolated to all cells. Its tree was built beforehand."
         )
     return parts
 
@@ -124,7 +124,7 @@ def _cell(rows: Sequence[Row], way: str) -> str:
 
 
 def _choice(rows: Sequence[Row]) -> str:
-    """Return the chosen engine, and its slowdown if the other engine is faster."""
+    """Return the chosen engine, with its slowdown if it is not the fastest."""
     for row in rows:
         if "chosen" in row:
             regret = row["taken"][row["chosen"]] / min(row["taken"].values())
@@ -138,7 +138,7 @@ def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
 
 
 def _unique(values: Any) -> list[Any]:
-    """Return each value once, in order."""
+    """Return the unique values in order."""
     return list(dict.fromkeys(values))
 
 
@@ -191,13 +191,13 @@ def _draw_panel(panel: Any, sweep: str, rows: Sequence[Row]) -> None:
 
 
 def _place(row: Row, x: str) -> tuple[float, float, bool]:
-    """Return the position of a row in a panel, and whether it was run."""
+    """Return the position of a row in a panel, and True if it was run."""
     run = "median_s" in row
     return row[x], row["median_s"] if run else row["value"], run
 
 
 def _draw_line(panel: Any, line: Sequence[tuple[float, float, bool]], style: Mapping[str, Any]) -> None:
-    """Draw a line, dashed and with hollow marks where it was not run."""
+    """Draw a line, dashed with hollow marks for estimates."""
     run = [point for point in line if point[2]]
     panel.plot([x for x, _, _ in run], [y for _, y, _ in run], **style)
     rest = [point for point in line if not point[2]]

@@ -1,4 +1,4 @@
-"""Time to a first solution on real maps, against shapely or FCL in the callback and motions in steps."""
+"""Time to a first solution on real maps, against shapely or FCL in the callback."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.lookups import at_half_a_cell, states_of
-from benchmarks.suites.planning_peers import SEARCH_SECONDS, Peer, Problem, Query, plane_problems
+from benchmarks.suites.planning_peers import SEARCH_SECONDS, PlanningPeer, Problem, Query, plane_problems
 from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
@@ -36,7 +36,7 @@ LONG_SEARCH_SECONDS = 10.0
 
 
 def run(report: Report, seed: int) -> None:
-    """Solve the same queries with the same seeds in every space, ours and the peer in turns."""
+    """Solve equal queries with equal seeds, alternating ours and the peer."""
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
         return
@@ -49,8 +49,8 @@ def run(report: Report, seed: int) -> None:
         _compare(report, Problem(scene.name, scene.workspace, scene.robot, None, peer, scene.queries, 20.0))
 
 
-def _fcl(report: Report, space: CSpace, scene: Scene) -> Peer:
-    """Return FCL as the peer of a scene, after a check that it calls no FREE configuration a collision."""
+def _fcl(report: Report, space: CSpace, scene: Scene) -> PlanningPeer:
+    """Return FCL as a peer, after a check of FREE configurations."""
     q = space.sample_free(TIMED_CONFIGURATIONS, np.random.default_rng(0))
     fcl = Fcl(report, scene, q)
     wrong = sum(fcl.meets(each) for each in q)
@@ -85,7 +85,7 @@ def compare(
     report: Report,
     space: CSpace,
     built: Timing,
-    peer: Peer,
+    peer: PlanningPeer,
     ours: Mapping[str, Solver],
     queries: Sequence[Query],
     seeds: int,
@@ -93,9 +93,9 @@ def compare(
     least: float | None = None,
     least_with_build: float | None = None,
 ) -> None:
-    """Compare our solvers with a peer's, check our paths for collisions, and report one-time costs.
+    """Compare our solvers with a peer's, check our paths, and report one-time costs.
 
-    The targets are for our first solver: how many times longer the peer takes, and the same with what is made once.
+    Targets hold for our first solver: the ratio of the peer's time to ours, without and with one-time costs.
     """
     name = f"{peer.name}, set-up and RRTConnect"
     solvers = {**ours, name: partial(solve, space, peer_setup(space, peer.is_free))}
@@ -120,15 +120,15 @@ def compare(
         for count in (1, 100):
             gain = (count * theirs.median + peer.made) / (count * timing.median + built.median)
             target = least_with_build if (number, count) == (0, 1) else None
-            report.figure(f"  {count} on one map, with what is made once", gain, least=target)
+            report.figure(f"  {count} on one map, with one-time costs", gain, least=target)
             cpu = (count * theirs.median_cpu + peer.made) / (count * timing.median_cpu + built.median_cpu)
             report.figure("    the same in CPU time", cpu)
 
 
 def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget: float = math.inf) -> list[Timing]:
-    """Solve all queries with the same seeds, in turns; the paths, or None, are the timings' values.
+    """Solve all queries with equal seeds, alternating solvers; the values are paths or None.
 
-    A solver that has searched for longer than ``budget``, in seconds, stops.
+    A solver stops after ``budget`` seconds of search.
     """
     timings = [Timing([]) for _ in solvers]
     for query, seed in itertools.product(queries, range(seeds)):
@@ -138,7 +138,7 @@ def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget
             for again in (True, False):
                 cpu = time.process_time()
                 taken, path = solver(query, seed)
-                # A short first search is repeated, so that its time excludes setup at the first call.
+                # A short first search is repeated, because it includes setup.
                 if not (again and not timing.seconds and taken < LONG_SEARCH_SECONDS):
                     break
             timing.cpu.append(time.process_time() - cpu)
@@ -150,7 +150,7 @@ def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget
 def solve_by_plan(
     space: CSpace, planner: str, query: Query, seed: int, exact: bool = False
 ) -> tuple[float, Floats | None]:
-    """Return the seconds to a first solution by our planning function, and the path or None."""
+    """Return the seconds to a first solution by ``plan``, and the path or None."""
     began = time.perf_counter()
     plan = planners.plan(
         space, *query, planner=planner, time_limit=SEARCH_SECONDS, simplify=False, seed=seed, exact=exact
@@ -160,7 +160,7 @@ def solve_by_plan(
 
 
 def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], Any]:
-    """Return the setup of a plain OMPL script: a peer in the callback, and motions in steps of half a cell."""
+    """Return the setup of a plain OMPL script with a peer in the callback."""
 
     class Checker(ob.StateValidityChecker):
         def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
@@ -177,7 +177,7 @@ def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], An
 
 
 def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
-    """Return the seconds to a first solution by a set-up's RRTConnect, and the path or None."""
+    """Return the seconds to a first solution by RRTConnect, and the path or None."""
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed + 1)
     began = time.perf_counter()

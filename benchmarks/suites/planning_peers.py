@@ -1,4 +1,4 @@
-"""Planning problems in the plane, and shapely as a peer, one configuration a call."""
+"""Planning problems in the plane, and shapely as a peer."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ RECTANGLE_LENGTH, RECTANGLE_WIDTH, YAW_CELLS = 0.6, 0.4, 72
 
 
 @dataclass(frozen=True)
-class Peer:
+class PlanningPeer:
     """Another library as a peer.
 
     Attributes
     ----------
     name : str
     is_free : callable
-        Whether the robot is free at one of OMPL's states.
+        Tests if the robot is free at a state of OMPL.
     collides : callable
-        Tests whether a path collides, by ``how``.
+        Tests if a path collides, by the method ``how``.
     how : str
     made : float
-        Seconds that it takes to make ``what`` it needs of the map.
+        Seconds to prepare ``what`` the peer needs.
     what : str
     """
 
@@ -69,16 +69,16 @@ class Problem:
     peer : callable
         Makes the peer.
     queries : callable
-        From the map to starts and goals.
+        Draws starts and goals on the map.
     least : float
-        Target of how many times longer the peer takes.
+        Target ratio of the peer's time to ours.
     """
 
     name: str
     workspace: Workspace
     robot: Robot
     rotations: int | None
-    peer: Callable[[Report, CSpace], Peer]
+    peer: Callable[[Report, CSpace], PlanningPeer]
     queries: Callable[[CSpace], list[Query]]
     least: float
 
@@ -105,7 +105,7 @@ def plane_problems(report: Report, rng: np.random.Generator) -> Iterator[Problem
 
 
 def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
-    """Draw FREE pairs, half the map's diagonal apart, connected by a path but not by a straight edge."""
+    """Draw connected FREE pairs, half the map's diagonal apart, without free edges."""
     least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
     draws = 5_000 if space.rotations.names else 20_000
     starts, goals = space.sample_free(draws, rng), space.sample_free(draws, rng)
@@ -117,7 +117,7 @@ def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Quer
 
 
 def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
-    """Return the longest problems of the map's scenario file that the disc can solve."""
+    """Return the longest solvable problems of the map's scenario file."""
     rows = np.loadtxt(space.workspace.source + ".scen", skiprows=1, usecols=(4, 5, 6, 7, 8))
     queries: list[Query] = []
     for x0, y0, x1, y1, _ in rows[np.argsort(-rows[:, 4], kind="stable")]:
@@ -141,7 +141,7 @@ def _polygons(workspace: Workspace) -> tuple[Any, float]:
     return obstacles, time.perf_counter() - began
 
 
-def _disc(report: Report, space: CSpace, radius: float) -> Peer:
+def _disc(report: Report, space: CSpace, radius: float) -> PlanningPeer:
     (left, low), (right, high) = space.grid.lower, space.grid.upper
     obstacles, made = _polygons(space.workspace)
 
@@ -154,10 +154,10 @@ def _disc(report: Report, space: CSpace, radius: float) -> Peer:
         return bool(shapely.dwithin(obstacles, shapely.LineString(path), radius))
 
     how = "by the whole path's exact distance"
-    return Peer("OMPL with prepared shapely", is_free, collides, how, made, "polygons")
+    return PlanningPeer("OMPL with prepared shapely", is_free, collides, how, made, "polygons")
 
 
-def _rectangle(report: Report, space: CSpace) -> Peer:
+def _rectangle(report: Report, space: CSpace) -> PlanningPeer:
     (left, low), (right, high) = space.grid.lower, space.grid.upper
     obstacles, made = _polygons(space.workspace)
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [RECTANGLE_LENGTH / 2, RECTANGLE_WIDTH / 2]
@@ -174,11 +174,11 @@ def _rectangle(report: Report, space: CSpace) -> Peer:
     def collides(path: Floats) -> bool:
         for start, goal in itertools.pairwise(path):
             change = goal - start
-            change[2] = (change[2] + np.pi) % (2 * np.pi) - np.pi  # the shorter way round
+            change[2] = (change[2] + np.pi) % (2 * np.pi) - np.pi  # the shorter rotation
             moved = np.hypot(*change[:2]) + abs(change[2]) * np.hypot(*corners[0])
             q = start + np.linspace(0, 1, 2 + int(moved / 0.002))[:, None] * change
             if shapely.intersects(obstacles, place_polygon(footprint, q)).any():
                 return True
         return False
 
-    return Peer("OMPL with prepared shapely", is_free, collides, "looked at every 2 mm", made, "polygons")
+    return PlanningPeer("OMPL with prepared shapely", is_free, collides, "tested every 2 mm", made, "polygons")

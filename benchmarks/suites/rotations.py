@@ -1,4 +1,4 @@
-"""Rotating robots in space: builds, look-ups, edges and plans on maps of SE(3) and R^3 x yaw, against FCL."""
+"""Rotating robots in space: builds, look-ups, edges and plans, against FCL."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ import cspace
 import planners
 from benchmarks.report import Report
 from benchmarks.suites import planning, solid_scenes
-from benchmarks.suites.lookups import asker, edges_of, states_of
-from benchmarks.suites.outer_maps import convolved
+from benchmarks.suites.lookups import edges_of, query_all, states_of
+from benchmarks.suites.outer_maps import convolve_map
 from benchmarks.suites.solid_scenes import FCL_CONFIGURATIONS, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Floats
 from cspace.engines.slices import slice_rasters
 
-SLICES = 6
-"""Number of slices convolved by SciPy."""
+CONVOLVED_SLICES = 6
+"""Number of slices convolve_map by SciPy."""
 
-CONTAINED = 500
+CONTAINMENT_TESTS = 500
 """Number of configurations also tested for containment."""
 
-EDGE, MAX_ROTATION = 10.0, 0.3
+EDGE_CELLS, MAX_ROTATION = 10.0, 0.3
 """Length of edges, cells, and largest rotation about an axis, radians."""
 
-BUDGET = 60.0
+SEARCH_BUDGET_SECONDS = 60.0
 """Seconds of search in a scene after which a planner stops."""
 
 
@@ -61,7 +61,7 @@ def run(report: Report, seed: int) -> None:
 
 
 def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) -> tuple[CSpace, Timing]:
-    """Build a map and compare with a loop over ready bitmaps; return it and its timing."""
+    """Build a map, compare it with a loop of convolutions, and return its timing."""
     rotations, grid = scene.rotations(cuts), scene.workspace.grid
     slice_of = rotations._slices_for(scene.robot.shape)
     number = int(slice_of.max()) + 1
@@ -85,15 +85,14 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
     report.note(f"{free:.1%} FREE, {mixed:.1%} MIXED, {blocked:.1%} BLOCKED")
 
     occupied, loop = scene.workspace.outer.astype(np.float64), Timing(None)
-    chosen, equal = rng.choice(len(rotations), min(SLICES, len(rotations)), replace=False), True
+    chosen, equal = rng.choice(len(rotations), min(CONVOLVED_SLICES, len(rotations)), replace=False), True
     outer: CSpace = timings["ours, outer alone"].value
     rasters = slice_rasters(outer.robot, outer.grid.spacing, outer.margin, rotations)
     for cell in chosen.tolist():
-        # Use the map's own bitmap. A new one is cut differently, so it may be a cell tighter or looser; both are
-        # bounds.
+        # Use the bitmap of the map, because a new bitmap may be a cell tighter or looser; both are bounds.
         raster = rasters[slice_of[cell]][0]
         kernel = np.flip(raster.cells).astype(np.float64)
-        met = loop.take(partial(convolved, signal.fftconvolve, occupied, kernel, raster))
+        met = loop.take(partial(convolve_map, signal.fftconvolve, occupied, kernel, raster))
         ours = outer.states_at(rotations.centers[cell]) != FREE
         equal &= bool((ours == met).all())
     report.check(equal, f"{len(chosen)} slices: equal to fftconvolve's")
@@ -104,23 +103,23 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
 
 
 def _against_maps(report: Report, scene: Scene, built: Timing) -> None:
-    """Compare with one map of a robot without rotations for each slice."""
+    """Compare with 18 maps of a robot without rotations."""
     still = interleave({"R^3": partial(cspace.build, scene.workspace, scene.robot)}, 3)["R^3"].per(1.0 / 18)
     report.timing("18 maps of R^3", still)
     report.ratio("72 yaw cells / 18 maps of R^3", built, still, most=2.0)
 
 
 def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) -> Fcl:
-    """Return FCL's results after checking that the map does not contradict them."""
+    """Compare the map with FCL; return FCL as a peer."""
     q = _random(space, FCL_CONFIGURATIONS, rng)
     fcl = Fcl(report, scene, q)
-    states, few = space.classify(q), q[:CONTAINED]
-    free, blocked = q[states == FREE], few[states[:CONTAINED] == BLOCKED]
+    states, few = space.classify(q), q[:CONTAINMENT_TESTS]
+    free, blocked = q[states == FREE], few[states[:CONTAINMENT_TESTS] == BLOCKED]
     wrong = sum(fcl.meets(each) for each in free)
     report.check(not wrong, f"{wrong} of {len(free)} FREE configurations collide by FCL")
     wrong = sum(not fcl.collides(each) for each in blocked)
     report.check(not wrong, f"{wrong} of {len(blocked)} BLOCKED configurations do not collide by FCL and insides")
-    mixed = few[states[:CONTAINED] == cspace.MIXED]
+    mixed = few[states[:CONTAINMENT_TESTS] == cspace.MIXED]
     exact = space.is_free(mixed, exact=True) if len(mixed) else np.zeros(0, dtype=np.bool_)
     wrong = sum(bool(ours) and fcl.meets(each) for ours, each in zip(exact, mixed, strict=True))
     report.check(not wrong, f"{wrong} of {exact.sum()} MIXED configurations that are exactly free collide by FCL")
@@ -128,7 +127,7 @@ def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) 
 
 
 def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> None:
-    """Compare with one query of FCL for each stored state, extrapolated, in CPU time."""
+    """Compare CPU time with an FCL query for each stored state."""
     cells = float(space.grid.size * (len(space.slice_rotations)))
     report.figure(
         f"one FCL query for each of {cells:.3g} states, extrapolated from {FCL_CONFIGURATIONS}",
@@ -142,7 +141,7 @@ def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> 
 
 
 def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator) -> None:
-    """Compare look-ups in batches and in OMPL's callback, and edges, exact or not."""
+    """Compare look-ups and edges, in batches and through OMPL."""
     number, runs = (10**5, 3) if report.quick else (10**6, 7)
     q = _random(space, number, rng)
     with one_core():
@@ -159,15 +158,15 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     }
     checker = planners.StateValidityChecker(space_informations["ours"], space)
     states = states_of(space, space_informations["ours"], few)
-    callback = interleave({"callback": asker(checker.isValid, states)}, runs)["callback"].per(1000)
+    callback = interleave({"callback": query_all(checker.isValid, states)}, runs)["callback"].per(1000)
     report.timing("isValid of our checker, as OMPL calls it", callback)
     report.figure("  the same, of CPU", 1e6 * callback.median_cpu, "us", most=0.6)
     asks: dict[str, Callable[[], list[bool]]] = {}
     walks: dict[str, Callable[[], list[bool]]] = {}
     for name, si in space_informations.items():
         si.setup()
-        asks[name] = asker(si.isValid, states_of(space, si, few))
-        walks[name] = asker(si.checkMotion, edges_of(space, si, starts, goals))
+        asks[name] = query_all(si.isValid, states_of(space, si, few))
+        walks[name] = query_all(si.checkMotion, edges_of(space, si, starts, goals))
     points, edges = interleave(asks, runs), interleave(walks, runs)
     for what, timings, target in (("si.isValid", points, None), ("si.checkMotion", edges, 20.0)):
         for name, timing in timings.items():
@@ -188,7 +187,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
 
 
 def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
-    """Draw configurations in the grid, uniform in position and rotation."""
+    """Draw uniform configurations in the grid."""
     places = rng.uniform(space.grid.lower, space.grid.upper, (number, 3))
     if len(space.rotations.names) == 1:
         return np.column_stack([places, rng.uniform(-np.pi, np.pi, number)])
@@ -197,10 +196,10 @@ def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
 
 
 def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats, Floats]:
-    """Draw edges from FREE configurations to others around them."""
-    starts, way = space.sample_free(number, rng), rng.normal(size=(number, 3))
+    """Draw edges from FREE configurations."""
+    starts, direction = space.sample_free(number, rng), rng.normal(size=(number, 3))
     goals = starts.copy()
-    goals[:, :3] += EDGE * space.grid.spacing * way / np.linalg.norm(way, axis=1, keepdims=True)
+    goals[:, :3] += EDGE_CELLS * space.grid.spacing * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     goals[:, :3] = np.clip(goals[:, :3], space.grid.lower, space.grid.upper)
     goals[:, 3:] += rng.uniform(-MAX_ROTATION, MAX_ROTATION, goals[:, 3:].shape) / (
         2.0 if len(space.rotations.names) == 4 else 1.0
@@ -224,4 +223,6 @@ def _plan(report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, 
         ),
     }
     queries = scene.queries(space)
-    planning.compare(report, space, built, fcl.peer(), ours, queries, scene.seeds, BUDGET, least_with_build=least)
+    planning.compare(
+        report, space, built, fcl.peer(), ours, queries, scene.seeds, SEARCH_BUDGET_SECONDS, least_with_build=least
+    )

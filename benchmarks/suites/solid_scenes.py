@@ -1,4 +1,4 @@
-"""Robots in space among obstacles, and FCL's answers for them, one configuration a call."""
+"""Robots in space among obstacles, and FCL as a peer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.suites.planning_peers import Peer, Query, far_apart
+from benchmarks.suites.planning_peers import PlanningPeer, Query, far_apart
 from cspace import CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arrays import Bools, Floats, Ints
 from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merged_cells
@@ -31,15 +31,15 @@ from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merged_cell
 FCL_CONFIGURATIONS = 2000
 """Number of configurations on which FCL's models are timed and the map is compared with FCL."""
 
-ALONG, EXACT_ALONG = 200, 10_000
+POSITIONS_PER_LEG, EXACT_POSITIONS_PER_LEG = 200, 10_000
 """Number of positions on each leg of a path tested by FCL and by exact distances."""
 
 TOP = ((-0.6, -0.4, 0.3), (0.6, 0.4, 0.35))
 LEGS = [((x - 0.03, y - 0.03, -0.35), (x + 0.03, y + 0.03, 0.31)) for x in (-0.55, 0.55) for y in (-0.35, 0.35)]
 TABLE = np.array([TOP, *LEGS])
-"""Boxes of a table of 1.2 m x 0.8 m x 0.7 m, about its middle; metres."""
+"""Boxes of a table of 1.2 m x 0.8 m x 0.7 m around its center, metres."""
 
-ROOMS = np.array(
+ROOM_BOXES = np.array(
     [
         ((3.9, 0.0, 0.0), (4.1, 1.6, 2.5)),  # the wall between two rooms, with a door of 0.8 m x 2 m
         ((3.9, 2.4, 0.0), (4.1, 4.0, 2.5)),
@@ -73,19 +73,19 @@ class Scene:
     name : str
     workspace : Workspace
     robot : Robot
-    body : Skin
-        The same robot, for FCL and an inside test that shares no code with the library.
-    obstacles : Skin
+    body : SolidSurface
+        The same robot, for FCL and an independent inside test.
+    obstacles : SolidSurface
     models : mapping of str to callable
-        FCL's models of the obstacles.
+        Builders of FCL's models of the obstacles.
     queries : callable
-        From the map to starts and goals.
+        Draws starts and goals on the map.
     cuts : tuple of int
-        Of quaternions: plans are made with the first, look-ups with the last; 0 for yaw; empty without rotation.
+        Cells per axis of quaternions, for plans first and look-ups last; 0 for yaw; empty without rotation.
     seeds : int
-        Of the searches for each query; 0 for none.
+        Number of searches for each query.
     boxes : tuple of Blocks, optional
-        Robot and obstacles, if both are boxes and the robot does not turn.
+        Robot and obstacles, if both are boxes and the robot does not rotate.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Scene:
         models: Mapping[str, Callable[[], Any]],
         queries: Callable[[CSpace], list[Query]],
     ) -> Scene:
-        """Return a box that does not turn among boxes."""
+        """Return the scene of a translating box among boxes."""
         low, high = robot.bounds
         title = f"{name}, box of {' m x '.join(f'{side:g}' for side in high - low)} m"
         skins, shape = (robot.to_surface(), obstacles.to_surface()), Robot.box(high - low, (low + high) / 2)
@@ -121,8 +121,8 @@ class Scene:
 
 
 def rooms(quick: bool) -> Scene:
-    """Return a table and a flat with a door that the table passes only when tilted."""
-    obstacles, body = Blocks.boxes(ROOMS).to_surface(), Blocks.boxes(TABLE).to_surface()
+    """Return the scene of a table that passes a door only if tilted."""
+    obstacles, body = Blocks.boxes(ROOM_BOXES).to_surface(), Blocks.boxes(TABLE).to_surface()
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, ROOMS_BOUNDS)
     half = math.sqrt(0.5)
     query = np.array((1.2, 1.5, 0.4, 0, 0, 0, 1)), np.array((6.8, 2.5, 0.4, 0, 0, half, half))
@@ -133,7 +133,7 @@ def rooms(quick: bool) -> Scene:
 
 
 def trap(quick: bool) -> Scene:
-    """Return a rod with a hook in a hollow cube; the only exit is a tube that narrows inward."""
+    """Return the scene of a hook in a cube with a narrowing tube as exit."""
     obstacles, body = Blocks.boxes(_trap()).to_surface(), Blocks.boxes(HOOK).to_surface()
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, TRAP_BOUNDS)
     half = math.sqrt(0.5)
@@ -145,7 +145,7 @@ def trap(quick: bool) -> Scene:
 
 
 def _trap(half: float = 1.0, wall: float = 0.1, depth: float = 0.6, widths: Sequence[float] = TRAP_WIDTHS) -> Floats:
-    """Return boxes of a hollow cube with a hole at the right and a tube of rings that leads inward."""
+    """Return boxes of a hollow cube with a tube of rings that leads inward."""
     far = half + wall
     boxes = [
         ((-far, -far, -far), (-half, far, far)),
@@ -173,7 +173,7 @@ def _ring(left: float, right: float, inner: float, outer: float) -> list[Any]:
 
 
 def cube_tunnel(report: Report) -> Iterator[Scene]:
-    """Yield the problem of a cube in a tunnel of boxes, as its file states it."""
+    """Yield the scene of a cube in a tunnel of boxes."""
     folder = _data(report, CUBE_TUNNEL)
     if folder is None:
         return
@@ -188,10 +188,10 @@ def cube_tunnel(report: Report) -> Iterator[Scene]:
 
 
 def tunnels(report: Report) -> Iterator[Scene]:
-    """Yield the problem as its file states it, with both L-shaped robots.
+    """Yield the scenes of both L-shaped robots in a tunnel.
 
-    Its three angles leave start and goal free only if read as rotations about z, y and x, each about the axis as the
-    previous ones have left it; the file's own quaternions take them the other way round.
+    Start and goal are free only if their three angles are intrinsic rotations about z, y and x; the quaternions of the
+    file take them in the reverse order.
     """
     folder = _data(report, TUNNEL)
     if folder is None:
@@ -216,12 +216,12 @@ def tunnels(report: Report) -> Iterator[Scene]:
             {"triangles": skins["obstacles"].model},
             lambda space: [(endpoints[0], endpoints[1])],
             (4,),
-            2 if name == TUNNEL_ROBOTS[0] else 0,  # no planner finds a path of the stout one within the time
+            2 if name == TUNNEL_ROBOTS[0] else 0,  # no planner finds a path of the thick robot in time
         )
 
 
 def building(report: Report, rng: np.random.Generator, number: int, turns: bool, unknown: str) -> Iterator[Scene]:
-    """Yield a flat box among voxels, with ``number`` queries, that yaws or does not turn."""
+    """Yield the scene of a flat box among voxels, yawing if ``turns``."""
     path = _data(report, BUILDING)
     if path is None:
         return
@@ -236,7 +236,7 @@ def building(report: Report, rng: np.random.Generator, number: int, turns: bool,
 
 
 def _data(report: Report, name: str) -> Path | None:
-    """Return a path in the folder of data, or None with a note."""
+    """Return a path in the data folder, or None with a note."""
     path = (inputs.data_folder() or Path()) / name
     if path.exists():
         return path
@@ -251,16 +251,16 @@ def _read_problem(folder: Path) -> tuple[Any, list[float]]:
 
 
 class Fcl:
-    """FCL as a peer of a scene, with its fastest model at some configurations.
+    """FCL as a peer of a scene, with the fastest of its models.
 
     Attributes
     ----------
     what : str
-        The model.
+        Name of the model.
     made : float
-        Seconds that it takes to make it.
+        Seconds to build the model.
     seconds : float
-        Of one query, CPU time.
+        CPU time of one query.
     """
 
     def __init__(self, report: Report, scene: Scene, q: Floats) -> None:
@@ -289,15 +289,19 @@ class Fcl:
         best = min(candidates, key=lambda each: each[0])
         self.seconds, self.what, self.made, self.robot, self.obstacles = best
 
-    def peer(self) -> Peer:
+    def peer(self) -> PlanningPeer:
         """Return FCL as a peer of planning."""
         boxed = self.scene.boxes is not None
-        how = f"by distances at {EXACT_ALONG} places a leg" if boxed else f"at {ALONG} places a leg"
+        how = (
+            f"by distances at {EXACT_POSITIONS_PER_LEG} places a leg"
+            if boxed
+            else f"at {POSITIONS_PER_LEG} places a leg"
+        )
         collides = self._boxes_collide if boxed else self._path_collides
-        return Peer("OMPL with FCL", self.is_free, collides, how, self.made, self.what)
+        return PlanningPeer("OMPL with FCL", self.is_free, collides, how, self.made, self.what)
 
     def meets(self, q: Any) -> bool:
-        """Return True if surfaces meet, or the robot leaves the grid, at a configuration."""
+        """Return True if surfaces meet or the robot leaves the grid."""
         x, y, z, *turn = q
         if turn:
             qx, qy, qz, qw = turn if len(turn) == 4 else (0.0, 0.0, math.sin(0.5 * turn[0]), math.cos(0.5 * turn[0]))
@@ -312,7 +316,7 @@ class Fcl:
         return bool(fcl.collide(self.robot, self.obstacles, self.asked, fcl.CollisionResult()))
 
     def collides(self, q: Any) -> bool:
-        """Return True if the solids meet: their surfaces, or one lies in the other."""
+        """Return True if surfaces meet or one solid contains the other."""
         if self.meets(q):
             return True
         body, obstacles = self.scene.body, self.scene.obstacles
@@ -321,7 +325,7 @@ class Fcl:
         return inside or bool(body.encloses((obstacles.spots - place) @ turn).any())
 
     def is_free(self, state: Any) -> bool:
-        """Return True if the robot is free at one of OMPL's states."""
+        """Return True if the robot is free at a state of OMPL."""
         if not self.scene.cuts:
             return not self.meets((state[0], state[1], state[2]))
         if hasattr(state, "rotation"):
@@ -332,15 +336,17 @@ class Fcl:
 
     def _path_collides(self, path: Floats) -> bool:
         legs = itertools.pairwise(path)
-        return any(self.meets(q) for start, end in legs for q in along(start, end, np.linspace(0.0, 1.0, ALONG)))
+        return any(
+            self.meets(q) for start, end in legs for q in along(start, end, np.linspace(0.0, 1.0, POSITIONS_PER_LEG))
+        )
 
     def _boxes_collide(self, path: Floats) -> bool:
-        """Return True if the robot meets boxes, or leaves the grid, by exact distances along each leg."""
+        """Return True if a path meets boxes or leaves the grid, by exact distances."""
         body, boxes = self.scene.boxes or ()
         low, high = body.bounds
         if (path + low <= self.box[0]).any() or (path + high >= self.box[1]).any():
             return True
-        t = np.linspace(0.0, 1.0, EXACT_ALONG)[:, None]
+        t = np.linspace(0.0, 1.0, EXACT_POSITIONS_PER_LEG)[:, None]
         for start, end in itertools.pairwise(path):
             first, last = np.minimum(start, end) + low, np.maximum(start, end) + high
             near = ((boxes.low <= last) & (boxes.high >= first)).all(axis=1)
@@ -351,7 +357,7 @@ class Fcl:
 
 
 def along(start: Floats, end: Floats, t: Floats) -> Floats:
-    """Return configurations on the straight edge that turns the shorter way, at each of t in [0, 1]."""
+    """Return configurations on a straight edge, at each t in [0, 1]."""
     first, last = (Rotation.from_matrix(matrix_of(q[3:])) for q in (start, end))
     places = start[:3] + t[:, None] * (end - start)[:3]
     turns = first * Rotation.from_rotvec(t[:, None] * (first.inv() * last).as_rotvec())
@@ -359,7 +365,7 @@ def along(start: Floats, end: Floats, t: Floats) -> Floats:
 
 
 def octree(occupied: Bools, grid: Grid) -> Any:
-    """Return cells as an octree of FCL with the largest possible leaves."""
+    """Convert cells to an octree of FCL with the largest possible leaves."""
     tree = octomap.OcTree(grid.spacing)
     tree.updateNodes(np.asarray(grid.lower) + grid.spacing * (np.argwhere(occupied) + 0.5), True, lazy_eval=True)
     tree.updateInnerOccupancy()
@@ -376,7 +382,7 @@ def _mesh(skin: SolidSurface) -> Any:
 
 
 def _bodies(vertices: int, faces: Ints) -> Ints:
-    """Return the index of the connected part of each triangle."""
+    """Label the connected part of each triangle."""
     edges = faces[:, [0, 1]].T, faces[:, [1, 2]].T
     first, last = np.concatenate(edges, axis=1)
     graph = coo_array((np.ones(len(first)), (first, last)), (vertices, vertices))

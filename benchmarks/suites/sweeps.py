@@ -1,4 +1,4 @@
-"""Cost over sizes of maps and robots, of every engine and of peers that are fast enough."""
+"""Cost of engines and fast peers over sizes of maps and robots."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import shapely
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report, is_here
-from benchmarks.suites.outer_maps import METHODS, across, named, ours, peers
+from benchmarks.suites.outer_maps import METHODS, engine_label, ours, peers, shape_text
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 from cspace.arrays import Bools, Floats, Ints, States
@@ -28,13 +28,13 @@ SAMPLE = 4000
 """Number of cells sampled for collision checks, and of cells sampled beside another state."""
 
 DENSITY = 0.06
-"""Share of a map that is occupied."""
+"""Occupied share of a map."""
 
-BOX, LOOKS = 52, 400
+MEAN_BOX_SIDE, DENSITY_CHECKS = 52, 400
 """Mean side of a box, cells, and number of times the occupied share is computed."""
 
 MAX_PEER_SECONDS = 20.0
-"""Maximum expected time of a peer, seconds; slower peers are skipped."""
+"""Expected time above which a peer is skipped, seconds."""
 
 SLOW_CALL_SECONDS = 3.0
 """Time above which a call is timed only once, seconds."""
@@ -48,7 +48,7 @@ MAX_REGRET = 2.0
 """Target: maximum time of the chosen engine over that of the faster one."""
 
 LARGEST_SIZES = 3
-"""Number of largest sizes for which the exponent is fitted again."""
+"""Number of largest sizes of the second fit of the exponent."""
 
 ALL = "all sizes"
 
@@ -99,8 +99,8 @@ def run(report: Report, rng: np.random.Generator) -> None:
         rates: dict[str, float] = {}
         medians: dict[str, dict[int, float]] = {}
         for size in sweep.sizes:
-            # Draw few boxes at a time, so that small maps are not fuller than large ones.
-            each = max(1, (size // BOX) ** sweep.dim // LOOKS)
+            # Draw few boxes at a time, so that small maps are as dense as large maps.
+            each = max(1, (size // MEAN_BOX_SIDE) ** sweep.dim // DENSITY_CHECKS)
             workspace = Workspace.from_array(inputs.boxes(size, DENSITY, rng, sweep.dim, each), 1.0)
             for robot in sweep.robots:
                 for way, timing in _point(report, sweep, workspace, robot, rates, rng).items():
@@ -118,20 +118,20 @@ def _point(
     rates: dict[str, float],
     rng: np.random.Generator,
 ) -> dict[str, Timing]:
-    """Time all methods on one map, compare their results, and report the choice.
+    """Time all methods on a map, compare results, and report the choice.
 
-    ``rates`` are seconds that each peer took last, per unit of work.
+    ``rates`` are the last seconds of each peer per unit of work.
     """
     occupied, radius = workspace.outer, cells_across / 2
     robot = Robot.disc(radius) if sweep.dim == 2 else Robot.ball(radius)
     raster = robot.rasters(1.0)[0]
     report.section(
-        f"{sweep.name}: {across(occupied)} cells, {occupied.mean():.1%} occupied in boxes; "
+        f"{sweep.name}: {shape_text(occupied)} cells, {occupied.mean():.1%} occupied in boxes; "
         f"{'disc' if sweep.dim == 2 else 'ball'} {cells_across} cells across"
     )
     about = {"sweep": sweep.name, "dim": sweep.dim, "size": len(occupied), "across": cells_across}
     calls: dict[str, Callable[[], Bools]] = {
-        named(method): partial(ours, workspace, robot, method) for method in METHODS
+        engine_label(method): partial(ours, workspace, robot, method) for method in METHODS
     }
     work = {peer.name: peer.work(occupied.shape, raster) for peer in peers(sweep.dim)}
     expected = {name: rates.get(name, 0.0) * amount for name, amount in work.items()}
@@ -149,19 +149,21 @@ def _point(
             report.figure(f"{name}: left out, expected to take", expected[name], "s")
             report.mark(**about, way=name, left_out=True)
     # The direct engine shares no code with any other.
-    others = [name for name, timing in timings.items() if not (timing.value == timings[named("direct")].value).all()]
-    unequal = f"; not so: {', '.join(others)}" if others else ""
+    others = [
+        name for name, timing in timings.items() if not (timing.value == timings[engine_label("direct")].value).all()
+    ]
+    unequal = f"; different: {', '.join(others)}" if others else ""
     report.check(not others, f"{len(timings)} results are equal, cell for cell{unequal}")
     _sample(report, workspace, radius, about, rng)
     chosen = choose_engine([raster])
-    engines = {method: timings[named(method)].median for method in ENGINES}
+    engines = {method: timings[engine_label(method)].median for method in ENGINES}
     report.figure(f'"auto" took "{chosen}": its time / the quicker one\'s', _regret(chosen, engines))
     report.mark(**about, chosen=chosen, taken=engines)
     return timings
 
 
 def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, float]]) -> None:
-    """Report slopes of cost over the number of cells, both in logarithms."""
+    """Report logarithmic slopes of cost over the number of cells."""
     report.section(f"{sweep.name}: cost grows with the number of cells to the power of")
     for way, by_size in medians.items():
         for name, sizes in (
@@ -176,7 +178,7 @@ def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, 
 
 
 def _choices(report: Report) -> None:
-    """Report how often ``auto`` picked the slower engine, and the cost."""
+    """Report the wrong choices of ``auto`` and their cost."""
     rows: list[dict[str, Any]] = [row for row in report.rows if "chosen" in row]
     slower = [row for row in rows if _regret(row["chosen"], row["taken"]) > 1.0]
     report.section(f'choices of "auto" at {len(rows)} sizes')
@@ -188,7 +190,7 @@ def _choices(report: Report) -> None:
 
 
 def _regret(chosen: str, seconds: Mapping[str, float]) -> float:
-    """Return the time of the chosen engine over that of the faster one."""
+    """Return the time of the chosen engine over the least time."""
     return seconds[chosen] / min(seconds.values())
 
 
@@ -198,7 +200,7 @@ def _regret(chosen: str, seconds: Mapping[str, float]) -> float:
 def _sample(
     report: Report, workspace: Workspace, radius: float, about: Mapping[str, Any], rng: np.random.Generator
 ) -> None:
-    """Time checkers on a sample of the cells, for a disc or a ball, and compare the map's answers with theirs."""
+    """Time checkers on a sample of cells, and compare them with the map."""
     robot = Robot.disc(radius) if workspace.grid.dim == 2 else Robot.ball(radius)
     occupied = workspace.outer
     boxes = merged_cells(occupied.reshape(occupied.shape + (1,) * (3 - occupied.ndim)))
@@ -257,7 +259,9 @@ def _tree(package: str, boxes: Ints) -> Checker:
         tree.registerObject(each)
     tree.setup()
 
-    def check(q: Floats, radius: float, kept: Any = obstacles) -> Bools:  # coal's tree does not keep its objects alive
+    def check(
+        q: Floats, radius: float, kept: Any = obstacles
+    ) -> Bools:  # coal's tree keeps no references to its objects
         ball, hit = library.CollisionObject(library.Sphere(radius)), np.empty(len(q), dtype=np.bool_)
         for number, position in enumerate(q):
             ball.setTranslation(position)
@@ -280,4 +284,4 @@ LIBRARIES: dict[str, tuple[str, Callable[[Ints], Checker], tuple[int, ...]]] = {
     "FCL": ("fcl", partial(_tree, "fcl"), (3,)),
     "coal": ("coal", partial(_tree, "coal"), (3,)),
 }
-"""Package, checker, and dimensions."""
+"""Package, checker and dimensions of each library."""

@@ -1,4 +1,4 @@
-"""Tiled maps: builds against the same engine in memory, workers, and maps beyond memory."""
+"""Tiled maps: builds, workers, and maps beyond memory."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 from cspace.arrays import Bools
 
-TILE = 4096
-CHUNK = 1024
-"""Side of a chunk of the city, cells; whole chunks are read around a tile."""
-SPACING = 0.1
-BLOCK = 128
+TILE_CELLS = 4096
+CHUNK_CELLS = 1024
+"""Side of a chunk of the city, cells; reads of a tile take whole chunks."""
+CITY_SPACING = 0.1
+STREET_CELLS = 128
 """Distance between streets of the city, cells."""
 
 WORKERS: Final[dict[str, Any]] = {
@@ -38,11 +38,11 @@ WORKERS: Final[dict[str, Any]] = {
 }
 """Options of workers of one thread, also for reading the city."""
 
-CAR = Robot.rectangle(4.5, 1.9)
+CITY_CAR = Robot.rectangle(4.5, 1.9)
 
 
 def run(report: Report, seed: int) -> None:
-    """Measure throughput, workers, and two large maps built on a cluster of this machine."""
+    """Measure throughput, workers, and two large maps built on a local cluster."""
     rng = np.random.default_rng(seed)
     folder = Path(tempfile.mkdtemp(prefix="cspace-tiles-"))
     try:
@@ -50,15 +50,15 @@ def run(report: Report, seed: int) -> None:
         _workers(report, rng, folder)
         size, turning = (8192, 4096) if report.quick else (65_536, 16_384)
         _large(report, rng, folder, size, Robot.disc(1.0), None)
-        _large(report, rng, folder, turning, CAR, 16)
+        _large(report, rng, folder, turning, CITY_CAR, 16)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def _throughput(report: Report, rng: np.random.Generator, folder: Path) -> None:
-    size, tile = (4096, 1024) if report.quick else (16_384, TILE)
-    workspace = Workspace.from_array(inputs.boxes(size, 0.06, rng), SPACING)
-    for name, robot, rotations in (("disc of 2 m", Robot.disc(1.0), None), ("car, 8 yaws", CAR, 8)):
+    size, tile = (4096, 1024) if report.quick else (16_384, TILE_CELLS)
+    workspace = Workspace.from_array(inputs.boxes(size, 0.06, rng), CITY_SPACING)
+    for name, robot, rotations in (("disc of 2 m", Robot.disc(1.0), None), ("car, 8 yaws", CITY_CAR, 8)):
         report.section(f"{size} x {size} cells, {name}: one thread, in memory and into a store of tiles of {tile}")
         options: dict[str, Any] = {"rotations": rotations, "workers": 1}
         calls = {
@@ -91,7 +91,7 @@ def _workers(report: Report, rng: np.random.Generator, folder: Path) -> None:
     timings = []
     for workers in (1, 2):
         with LocalCluster(n_workers=workers, **WORKERS) as cluster, Client(cluster) as client:
-            work = partial(_stored, source, CAR, folder / "two", size // 8, {"rotations": 8, "client": client})
+            work = partial(_stored, source, CITY_CAR, folder / "two", size // 8, {"rotations": 8, "client": client})
             timing = Timing(None)
             work()  # compiles
             for _ in range(3):
@@ -108,7 +108,7 @@ def _large(
     from distributed import Client, LocalCluster
 
     turns = f" x {rotations} yaws" if rotations else ""
-    report.section(f"a city of {size} x {size} cells{turns}, {robot.name}, tiles of {TILE}, two workers of 2 GB")
+    report.section(f"a city of {size} x {size} cells{turns}, {robot.name}, tiles of {TILE_CELLS}, two workers of 2 GB")
     source, path = _city(folder / "city.zarr", size, rng), folder / "map.zarr"
     shutil.rmtree(path, ignore_errors=True)
     with (
@@ -117,7 +117,7 @@ def _large(
         _PeakMemory() as peak,
     ):
         began = time.perf_counter()
-        space = cspace.build(source, robot, rotations=rotations, store=path, tile=TILE, client=client)
+        space = cspace.build(source, robot, rotations=rotations, store=path, tile=TILE_CELLS, client=client)
         seconds = time.perf_counter() - began
     cells = sum(space.count())
     report.figure("cells, of all rotations", cells / 1e9, "10^9")
@@ -125,7 +125,7 @@ def _large(
     report.figure("cells a second", cells / seconds / 1e6, "10^6")
     report.figure("largest worker", max(peak) / 1e9, "GB", most=2.0)
     report.figure("bytes on disk", _bytes(path) / 1e6, "MB")
-    upper = [size * SPACING] * 2 + [np.pi] * bool(rotations)
+    upper = [size * CITY_SPACING] * 2 + [np.pi] * bool(rotations)
     q = rng.uniform(0.0, upper, (10**6, space.size))
     space.classify(q[:1])
     space.motion_is_free(q[0], q[0])
@@ -139,9 +139,9 @@ def _large(
     _timed(report, "components of all tiles, labelled and joined", space.compute_components)
     free_q = q[states == cspace.FREE]
     endpoints = [
-        free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * SPACING - 50.0)
+        free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * CITY_SPACING - 50.0)
     ]
-    report.figure("cells from start to goal", float(np.abs(endpoints[1] - endpoints[0])[:2].max() / SPACING), "")
+    report.figure("cells from start to goal", float(np.abs(endpoints[1] - endpoints[0])[:2].max() / CITY_SPACING), "")
     plan = _timed(report, "a plan", lambda: planners.plan(space, *endpoints, seed=0, time_limit=10.0), most=60.0)
     report.note(f"{plan.status}; a path exists: {plan.is_connected}; {plan.length:.0f} m")
     report.check(plan.certified or not plan.solved, "the path is certified, where one was found")
@@ -156,8 +156,8 @@ def _timed(report: Report, name: str, call: Callable[[], Any], most: float | Non
 
 
 def _city(path: Path, size: int, rng: np.random.Generator) -> Workspace:
-    """Draw buildings between streets, in a Zarr array that is read tile by tile."""
-    side = min(size, CHUNK)
+    """Draw buildings between streets in a Zarr array."""
+    side = min(size, CHUNK_CELLS)
     array = zarr.create_array(
         str(path),
         shape=(size, size),
@@ -169,13 +169,13 @@ def _city(path: Path, size: int, rng: np.random.Generator) -> Workspace:
     for x in range(0, size, side):
         for y in range(0, size, side):
             array[x : x + side, y : y + side] = _quarter(side, rng)
-    return Workspace.from_array(array, SPACING)
+    return Workspace.from_array(array, CITY_SPACING)
 
 
 def _quarter(side: int, rng: np.random.Generator) -> Bools:
     cells = np.zeros((side, side), dtype=np.bool_)
-    for x in range(0, side, BLOCK):
-        for y in range(0, side, BLOCK):
+    for x in range(0, side, STREET_CELLS):
+        for y in range(0, side, STREET_CELLS):
             if rng.random() < 0.7:
                 width, depth = rng.integers(40, 100, 2)
                 cells[x + 12 : x + 12 + width, y + 12 : y + 12 + depth] = True
@@ -187,7 +187,7 @@ def _bytes(path: Path) -> int:
 
 
 class _PeakMemory:
-    """Return the peak memory of the child processes, bytes."""
+    """Peak memory of the child processes in bytes."""
 
     def __enter__(self) -> list[int]:
         self._peak, self._stop = [0], threading.Event()

@@ -1,4 +1,4 @@
-"""Updates of a map after changes of its workspace, against a new build."""
+"""Updates of maps, against new builds."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from benchmarks.timing import Timing, interleave
 from cspace import CSpace, Robot, Workspace
 from cspace.engines import ENGINES
 
-SIZE, ACROSS, BOX = 4096, 65, 32
+MAP_SIDE, DISC_DIAMETER, BOX_SIDE = 4096, 65, 32
 """Sides of the map and of the box that changes, and diameter of the disc, cells."""
 
 MIN_BUILD_RATIO = 30.0
 """Target: minimum time of a build over that of an update."""
 
-UPDATES = 200
+UPDATES_PER_RUN = 200
 """Number of updates in one timed run."""
 
 MOVES = 40
@@ -32,22 +32,22 @@ MOVES = 40
 
 FLOORS = ("maps/depot.yaml", "maps/willow-full-0.05.yaml", "maps/100by100_10.yaml")
 MAX_MOVE_MILLISECONDS = 20.0
-"""Target: maximum time of a move on the largest floor, with the following look-ups, milliseconds."""
+"""Target: maximum time of a move on the largest floor with the next look-ups, milliseconds."""
 
 
 def run(report: Report, seed: int) -> None:
-    """Update boxes of plane maps, with rotations, and in space; move an obstacle on real floors."""
+    """Update boxes of maps, and move an obstacle on real floors."""
     rng, quick = np.random.default_rng(seed), report.quick
     for size, dim, robot, name, options in (
-        (1024 if quick else SIZE, 2, Robot.disc(ACROSS / 2), f"disc {ACROSS} cells across", {}),
+        (1024 if quick else MAP_SIDE, 2, Robot.disc(DISC_DIAMETER / 2), f"disc {DISC_DIAMETER} cells across", {}),
         (256 if quick else 1024, 2, Robot.rectangle(33.0, 21.0), "rectangle 33 x 21 cells, 72 yaws", {"rotations": 72}),
         (96 if quick else 256, 3, Robot.ball(10.5), "ball 21 cells across", {}),
     ):
         workspace = Workspace.from_array(inputs.boxes(size, 0.06, rng, dim), 1.0)
-        side = BOX if dim == 2 else BOX // 2
+        side = BOX_SIDE if dim == 2 else BOX_SIDE // 2
         shape, box = (" x ".join([str(n)] * dim) for n in (size, side))
         report.section(f"{shape} cells, 6 % in boxes, {name}; boxes of {box} cells")
-        _compare(report, workspace, robot, rng, options, MIN_BUILD_RATIO if size == SIZE else None)
+        _compare(report, workspace, robot, rng, options, MIN_BUILD_RATIO if size == MAP_SIDE else None)
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
         return
@@ -58,10 +58,10 @@ def run(report: Report, seed: int) -> None:
 
 
 def _moves(report: Report, floor: Workspace, name: str) -> None:
-    """Move an obstacle in a real map with 72 yaw cells, by 0.16 m a step and from end to end.
+    """Move an obstacle in a real map with 72 yaw cells, by small and large steps.
 
-    Components and distances are cached before. A move counts with the first look-up of each kind after it, so that
-    nothing is put off; the robot is not symmetric, so no two yaw cells share a slice. Costmaps are timed apart.
+    Caches are filled first. The time of a move includes the next look-up of each kind, which refreshes caches; costmaps
+    are timed separately. The robot is asymmetric, so no yaw cells share a slice.
     """
     report.section(f"{name}, {' x '.join(map(str, floor.grid.shape))} cells x 72 yaws; trolley of 1.2 m x 0.8 m")
     space = cspace.build(floor, Robot.rectangle(0.9, 0.6, (0.15, 0.0)), rotations=72)
@@ -107,15 +107,15 @@ def _compare(
 ) -> None:
     """Compare updates of random boxes with new builds."""
     space = cspace.build(workspace, robot, **options)
-    dim, side = space.grid.dim, BOX if space.grid.dim == 2 else BOX // 2
-    updates = UPDATES if dim == 2 and not options else UPDATES // 10
+    dim, side = space.grid.dim, BOX_SIDE if space.grid.dim == 2 else BOX_SIDE // 2
+    updates = UPDATES_PER_RUN if dim == 2 and not options else UPDATES_PER_RUN // 10
     places = rng.integers(0, np.array(space.grid.shape) - side, (updates, dim)).tolist()
     fills, turns = [np.full((side,) * dim, fill) for fill in (False, True)], count()
 
     def change() -> None:
-        way = next(turns)  # boxes are filled and emptied in turns, so that cells do change
+        phase = next(turns)  # boxes are filled and emptied alternately, so that cells change
         for number, place in enumerate(places):
-            space.update(fills[(number + way) % 2], place)
+            space.update(fills[(number + phase) % 2], place)
 
     def build(method: str = "auto") -> CSpace:
         return cspace.build(space.workspace, space.robot, method=method, **options)

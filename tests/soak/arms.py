@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.suites.arm_peers import Folder, Meshes, Problem, coal_solids, our_solids
+from benchmarks.suites.arm_peers import ArmProblem, Folder, Meshes, coal_solids, our_solids
 from cspace import BLOCKED, FREE, MIXED, Arm, build_arm_space
 from cspace.arms import ArmSpace
 from cspace.arrays import Bools, Floats
@@ -118,7 +118,7 @@ def _moved(q: Floats, arm: Arm, rng: Rng) -> Floats:
     return np.clip(q + step, arm.lower, arm.upper)
 
 
-def draw_problem(problems: list[Problem], seed: int, number: int) -> Scene:
+def draw_problem(problems: list[ArmProblem], seed: int, number: int) -> Scene:
     """Draw a planning problem of an arm."""
     problem = problems[np.random.default_rng([seed, number, 7]).integers(len(problems))]
     name = f"{problem.folder.robot}, {problem.name} {problem.row['index']}"
