@@ -17,7 +17,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
 from handmade import ALL_FREE, Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
-from planning import edge
+from planning import along_edge
 from strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 H = 0.25
@@ -144,7 +144,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     q0, q1 = handmade.configurations(space, endpoints)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):
-        assert space.is_free(edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
+        assert space.is_free(along_edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
