@@ -45,29 +45,33 @@ def meets_posts(q: Any, posts: Any = POSTS) -> Any:
 def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
     """Test configurations in cells, also at their corners."""
     space = plane_arm(tmp_path)
-    made = build_joint_map(space, 6.0 / 150)
-    assert isinstance(made, CSpace)
-    assert (made.axes, made.grid.units, made.grid.shape) == (("shoulder", "elbow"), ("rad", "rad"), (150, 150))
+    joint_map = build_joint_map(space, 6.0 / 150)
+    assert isinstance(joint_map, CSpace)
+    assert (joint_map.axes, joint_map.grid.units, joint_map.grid.shape) == (
+        ("shoulder", "elbow"),
+        ("rad", "rad"),
+        (150, 150),
+    )
     rng = np.random.default_rng(3)
     wrong = []
     for state, collides in ((FREE, True), (BLOCKED, False)):
-        cells = np.argwhere(made.cell_states == state)
+        cells = np.argwhere(joint_map.cell_states == state)
         # Cells next to other states reveal bounds that are too weak.
         near = np.array(
-            [(made.cell_states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells]
+            [(joint_map.cell_states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells]
         )
         sample = cells[near][rng.permutation(near.sum())[:250]]
         within = np.where(
             rng.random((len(sample), 2)) < 0.5, rng.integers(0, 2, (len(sample), 2)), rng.random((len(sample), 2))
         )
-        points = made.grid.lower + made.grid.spacing * (sample + within)
+        points = joint_map.grid.lower + joint_map.grid.spacing * (sample + within)
         wrong += points[meets_posts(points) == collides].tolist()
     assert not wrong
-    free, mixed, blocked = made.count()
+    free, mixed, blocked = joint_map.count()
     truth = meets_posts(rng.uniform(-3.0, 3.0, (400, 2))).mean()
-    assert mixed < 0.1 * made.grid.size
-    assert free / made.grid.size - 0.05 < 1.0 - truth < (free + mixed) / made.grid.size + 0.05
-    assert blocked > 0.5 * truth * made.grid.size
+    assert mixed < 0.1 * joint_map.grid.size
+    assert free / joint_map.grid.size - 0.05 < 1.0 - truth < (free + mixed) / joint_map.grid.size + 0.05
+    assert blocked > 0.5 * truth * joint_map.grid.size
 
 
 @pytest.mark.parametrize("seed", [1, 3, 4])
@@ -79,14 +83,14 @@ def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) ->
     names = space.arm.joints[:3]
     intervals = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
     limits = dict(zip(names, map(tuple, intervals.tolist()), strict=False))
-    made = build_joint_map(space, 0.05, names, held_joints=held, limits=limits)
-    states = np.asarray(made.cell_states)
+    joint_map = build_joint_map(space, 0.05, names, held_joints=held, limits=limits)
+    states = np.asarray(joint_map.cell_states)
     assert all((states == state).any() for state in (FREE, BLOCKED))
     for state, apart in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
         for cell in cells[rng.permutation(len(cells))[:25]]:
             q = held.copy()
-            q[: len(names)] = made.grid.lower + made.grid.spacing * (cell + rng.integers(0, 2, len(names)))
+            q[: len(names)] = joint_map.grid.lower + joint_map.grid.spacing * (cell + rng.integers(0, 2, len(names)))
             assert (oracle.apart(q) > 0.0) == apart
 
 
@@ -94,10 +98,10 @@ def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
     """Split the range of the upper arm by a post."""
     posts = ((0.7, 0.0, 0.3),)
     space = plane_arm(tmp_path, (-1.5, 1.5), posts)
-    made = build_joint_map(space, 0.05)
+    joint_map = build_joint_map(space, 0.05)
     left, right = (-1.0, 0.3), (1.0, -0.3)
-    assert made.is_disconnected(left, right)
-    assert made.is_connected(left, (-0.9, -1.0))
+    assert joint_map.is_disconnected(left, right)
+    assert joint_map.is_connected(left, (-0.9, -1.0))
     q = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 61), np.linspace(-3.0, 3.0, 61), indexing="ij"), axis=-1)
     free = ~meets_posts(q.reshape(-1, 2), posts).reshape(61, 61)
     parts, _ = label(free, np.ones((3, 3)))
@@ -108,38 +112,38 @@ def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
 def test_joint_map_supports_all_queries(tmp_path: Path) -> None:
     """Prove edges and paths of the map by the arm."""
     space = plane_arm(tmp_path)
-    made = build_joint_map(space, 0.05)
+    joint_map = build_joint_map(space, 0.05)
     rng = np.random.default_rng(5)
-    q = made.sample_free(100, rng)
-    edges = made.motion_is_free(q[:-1], q[1:])
+    q = joint_map.sample_free(100, rng)
+    edges = joint_map.motion_is_free(q[:-1], q[1:])
     assert 0 < edges.sum() < len(edges)
     assert np.all(space.motion_is_free(q[:-1][edges], q[1:][edges]))
-    start, goal = made.nearest_free((-2.5, 1.0)), made.nearest_free((2.5, 0.5))
+    start, goal = joint_map.nearest_free((-2.5, 1.0)), joint_map.nearest_free((2.5, 0.5))
     for path in (
-        made.find_path(start, goal),
-        made.find_widest_path(start, goal),
-        planners.plan(made, start, goal, seed=1).path,
+        joint_map.find_path(start, goal),
+        joint_map.find_widest_path(start, goal),
+        planners.plan(joint_map, start, goal, seed=1).path,
     ):
         assert len(path) > 1
-        assert made.certify_path(path).all()
+        assert joint_map.certify_path(path).all()
         assert np.all(space.certify_path(path))
-    assert made.clearance(start) > 0.0
-    assert made.classify((3.1, 0.0)) == BLOCKED  # beyond the limits
-    assert made.robot.name == "small"
-    made.save(tmp_path / "map.zarr")
+    assert joint_map.clearance(start) > 0.0
+    assert joint_map.classify((3.1, 0.0)) == BLOCKED  # beyond the limits
+    assert joint_map.robot.name == "small"
+    joint_map.save(tmp_path / "map.zarr")
     again = cspace.open(tmp_path / "map.zarr")
     assert isinstance(again, CSpace)
-    assert again.grid == made.grid
-    assert repr(again) == repr(made)
-    np.testing.assert_array_equal(again.cell_states, made.cell_states)
-    dataset = made.to_xarray()
+    assert again.grid == joint_map.grid
+    assert repr(again) == repr(joint_map)
+    np.testing.assert_array_equal(again.cell_states, joint_map.cell_states)
+    dataset = joint_map.to_xarray()
     assert dataset.cell_states.dims == ("shoulder", "elbow")
     assert dataset.elbow.attrs["units"] == "rad"
-    ax = made.plot(path=made.find_path(start, goal))
+    ax = joint_map.plot(path=joint_map.find_path(start, goal))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("shoulder (rad)", "elbow (rad)")
     # Obstacles may also be added in joint space.
-    assert made.add_obstacle("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
-    assert not made.is_free((2.5, 0.5))
+    assert joint_map.add_obstacle("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
+    assert not joint_map.is_free((2.5, 0.5))
 
 
 def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) -> None:
@@ -155,15 +159,15 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) ->
     wall = {"table": posed_box((1.0, 1.0, 0.2), 1.0, 0.0, -0.5)}
     space = build_arm_space(wall, Arm.from_urdf(path))
     assert build_joint_map(space, 0.05).periodic_axes == (True, False)
-    made = build_joint_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
-    assert made.periodic_axes == (False, False)
-    assert made.grid.units == ("rad", "m")
-    assert made.grid.shape == (120, 9)
-    assert (made.cell_states[:, -1] != FREE).all()
-    assert made.classify((0.0, 0.3)) == FREE
-    assert made.classify((0.0, 0.01)) == BLOCKED
-    assert made.classify((2.0, 0.01)) == FREE
-    assert made.grid.unit == "rad or m"
+    joint_map = build_joint_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
+    assert joint_map.periodic_axes == (False, False)
+    assert joint_map.grid.units == ("rad", "m")
+    assert joint_map.grid.shape == (120, 9)
+    assert (joint_map.cell_states[:, -1] != FREE).all()
+    assert joint_map.classify((0.0, 0.3)) == FREE
+    assert joint_map.classify((0.0, 0.01)) == BLOCKED
+    assert joint_map.classify((2.0, 0.01)) == FREE
+    assert joint_map.grid.unit == "rad or m"
 
 
 def periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
@@ -185,45 +189,47 @@ def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
     """Include the seam, copies, plans and changed cells."""
     posts, rng = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4)), np.random.default_rng(6)
     space = periodic_arm(tmp_path, posts) if circle else plane_arm(tmp_path, posts=posts)
-    made = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
+    joint_map = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
     q = rng.uniform(low, high, (300, 2))
     targets = np.clip(q + rng.normal(scale=0.6, size=q.shape), low, high)
     free, moves = np.asarray(space.is_free(q)), np.asarray(space.motion_is_free(q, targets))
-    for each in (made, copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
+    for each in (joint_map, copy.deepcopy(joint_map), pickle.loads(pickle.dumps(joint_map))):
         np.testing.assert_array_equal(each.is_free(q, exact=True), free)
         np.testing.assert_array_equal(each.motion_is_free(q, targets, exact=True), moves)
         check, walk = each.point_checker(exact=True), each.edge_checker(exact=True)
         assert [check(*a) for a in q[:40]] == free[:40].tolist()
         assert [walk(*a, *b) for a, b in zip(q[:40], targets[:40], strict=True)] == moves[:40].tolist()
     assert meets_posts(q, posts).tolist() == (~free).tolist()
-    mixed = free & (made.classify(q) == MIXED)
+    mixed = free & (joint_map.classify(q) == MIXED)
     assert mixed.sum() > 30
     outside = (-1.5, 2.1)  # in the last cell, but beyond the limits
-    assert space.is_free(outside) and made.classify(outside) == MIXED and not made.is_free(outside, exact=True)
-    plans = [planners.plan(made, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
+    assert (
+        space.is_free(outside) and joint_map.classify(outside) == MIXED and not joint_map.is_free(outside, exact=True)
+    )
+    plans = [planners.plan(joint_map, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
     assert any(plan.certified for plan in plans)
     assert all(plan.certified or plan.is_disconnected for plan in plans)
     assert not any(meets_posts(plan.path, posts).any() for plan in plans)
-    middle = q[mixed][0]
-    check, walk = made.point_checker(exact=True), made.edge_checker(exact=True)
-    assert check(*middle) and walk(*middle, *middle)
-    made.add_obstacle("closed", [middle], radius=0.01)  # its cells stay MIXED
-    assert not (check(*middle) or walk(*middle, *middle) or made.is_free(middle, exact=True))
-    assert not (made.is_free(q, exact=True) & ~free).any()
+    center = q[mixed][0]
+    check, walk = joint_map.point_checker(exact=True), joint_map.edge_checker(exact=True)
+    assert check(*center) and walk(*center, *center)
+    joint_map.add_obstacle("closed", [center], radius=0.01)  # its cells stay MIXED
+    assert not (check(*center) or walk(*center, *center) or joint_map.is_free(center, exact=True))
+    assert not (joint_map.is_free(q, exact=True) & ~free).any()
 
 
 def test_paths_cross_the_seam(tmp_path: Path) -> None:
     """Stop the bar on the right, but not at the seam."""
     space = periodic_arm(tmp_path, ((0.7, 0.0, 0.3),))
-    made = build_joint_map(space, 0.05)
-    assert made.grid.spacing == pytest.approx(2.0 * np.pi / 126)
+    joint_map = build_joint_map(space, 0.05)
+    assert joint_map.grid.spacing == pytest.approx(2.0 * np.pi / 126)
     left, right = (-1.0, 0.3), (1.0, -0.3)
-    assert made.is_connected(left, right)
+    assert joint_map.is_connected(left, right)
     assert build_joint_map(space, 0.05, limits={"shoulder": (-np.pi, np.pi)}).is_disconnected(left, right)
-    for path in (made.find_path(left, right), planners.plan(made, left, right, seed=1).path):
+    for path in (joint_map.find_path(left, right), planners.plan(joint_map, left, right, seed=1).path):
         assert path[-1] == pytest.approx((1.0 - 2.0 * np.pi, -0.3))
-        assert made.certify_path(path).all()
+        assert joint_map.certify_path(path).all()
         assert np.all(space.certify_path(path))
         assert not meets_posts(path, ((0.7, 0.0, 0.3),)).any()
     with_wall = build_joint_map(periodic_arm(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
@@ -233,12 +239,12 @@ def test_paths_cross_the_seam(tmp_path: Path) -> None:
 @pytest.mark.parametrize("cells", [75, 76])
 def test_last_cell_contains_the_last_angle(tmp_path: Path, cells: int) -> None:
     """Include 75 cells, whose rounded sum is below a turn."""
-    made = build_joint_map(periodic_arm(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
+    joint_map = build_joint_map(periodic_arm(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
     last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
-    assert made.grid.shape[0] == cells
-    assert made.is_connected(last, other)
-    assert len(made.find_path(last, other)) > 0
-    assert planners.plan(made, last, other).certified
+    assert joint_map.grid.shape[0] == cells
+    assert joint_map.is_connected(last, other)
+    assert len(joint_map.find_path(last, other)) > 0
+    assert planners.plan(joint_map, last, other).certified
 
 
 @settings(max_examples=3)
@@ -253,16 +259,18 @@ def test_joint_maps_agree_with_shapely(
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
     posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
     space = periodic_arm(tmp_path_factory.mktemp("arm"), posts, **elbow)
-    made = build_joint_map(space, 0.12)
-    circles, states = made.periodic_axes, np.asarray(made.cell_states)
+    joint_map = build_joint_map(space, 0.12)
+    circles, states = joint_map.periodic_axes, np.asarray(joint_map.cell_states)
     for state, collides in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
         near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="wrap")[:, j] != state).any() for k, j in cells])
         sample = rng.permutation(cells[near])[:40]
-        points = made.grid.lower + made.grid.spacing * (sample + rng.integers(0, 2, sample.shape))
+        points = joint_map.grid.lower + joint_map.grid.spacing * (sample + rng.integers(0, 2, sample.shape))
         points = points + 2.0 * np.pi * rng.integers(-2, 3, points.shape) * circles
         assert not (meets_posts(points, posts) == collides).any()
-    q = np.stack(np.meshgrid(*(made.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(-1, 2)
+    q = np.stack(np.meshgrid(*(joint_map.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(
+        -1, 2
+    )
     for max_state, answer in ((FREE, True), (MIXED, False)):
         # Join components that meet across the seam.
         parts, _ = label(states <= max_state)
@@ -277,7 +285,7 @@ def test_joint_maps_agree_with_shapely(
         parts, pairs = parts.reshape(-1), rng.integers(0, len(q), (300, 2))
         pairs = pairs[(states.reshape(-1)[pairs] == FREE).all(axis=1)]
         same = (parts[pairs[:, 0]] == parts[pairs[:, 1]]) & (parts[pairs[:, 0]] > 0)
-        exists = proven_paths(made, q[pairs[:, 0]], q[pairs[:, 1]])
+        exists = proven_paths(joint_map, q[pairs[:, 0]], q[pairs[:, 1]])
         np.testing.assert_array_equal(exists == answer, same == answer)
 
 

@@ -22,8 +22,8 @@ LOWER = (-1.0, -1.0, -1.0)
 
 def cell_boxes(cells: Any, pose: Any = None) -> list[Any]:
     pose = np.eye(4) if pose is None else pose
-    turn, middles = pose[:3, :3], (np.argwhere(cells) + 0.5) * H + LOWER
-    return [box((H, H, H), turn @ middle + pose[:3, 3], turn) for middle in middles]
+    turn, centers = pose[:3, :3], (np.argwhere(cells) + 0.5) * H + LOWER
+    return [box((H, H, H), turn @ center + pose[:3, 3], turn) for center in centers]
 
 
 def allowed_pairs(arm: Arm, name: str) -> list[tuple[str, str]]:
@@ -63,8 +63,8 @@ def test_grids_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     goals = np.clip(starts + rng.normal(scale=0.4, size=starts.shape), arm.lower, arm.upper)
     proven = np.asarray(space.motion_is_free(starts, goals))
     for q0, q1, is_free in zip(starts, goals, proven, strict=True):
-        least = min(around.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 20))
-        assert least > 0.0 or not is_free
+        smallest = min(around.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 20))
+        assert smallest > 0.0 or not is_free
 
 
 @pytest.mark.parametrize("moved", ["obstacles", "arm"])

@@ -81,8 +81,10 @@ class CountingGenerator(np.random.Generator):
 @pytest.mark.parametrize("seed", [6, 12])
 def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    sizes, places = rng.uniform(0.03, 0.1, (150, 3)), rng.uniform((0.35, -1.0, -0.9), (1.2, 1.0, 0.9), (150, 3))
-    boxes = {f"box {k}": posed_box(size, *place) for k, (size, place) in enumerate(zip(sizes, places, strict=True))}
+    sizes, positions = rng.uniform(0.03, 0.1, (150, 3)), rng.uniform((0.35, -1.0, -0.9), (1.2, 1.0, 0.9), (150, 3))
+    boxes = {
+        f"box {k}": posed_box(size, *position) for k, (size, position) in enumerate(zip(sizes, positions, strict=True))
+    }
     space = build_arm_space(boxes, Arm.from_urdf(two_arms(tmp_path)))
     q0, q1 = space.sample_free(2, rng)
     generator: Any = CountingGenerator(np.random.PCG64(1))

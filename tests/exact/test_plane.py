@@ -103,11 +103,11 @@ def test_free_edges_never_collide(space, seed):
     assert free[by_map].all()
     shape = obstacles_of(space)
     for first, last, proven in zip(q0, q1, free, strict=True):
-        least = distances(space, interpolate(first, last, 1000 if proven else 60), shape).min() - space.margin
+        smallest = distances(space, interpolate(first, last, 1000 if proven else 60), shape).min() - space.margin
         if proven:
-            assert least > 0.0
+            assert smallest > 0.0
         else:  # the edge comes closer to an obstacle than 1 % of its length
-            assert least < 0.01 * (np.abs(last - first).sum() + 1.0) + ORACLE_BAND
+            assert smallest < 0.01 * (np.abs(last - first).sum() + 1.0) + ORACLE_BAND
 
 
 # ---- cases solved by hand --------------------------------------------------------------------------------------------

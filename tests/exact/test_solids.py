@@ -56,8 +56,8 @@ def check_edges(space, q0, q1, gaps):
     assert free[by_map].all()
     for first, last, proven in zip(q0, q1, free, strict=True):
         way = first + np.linspace(0.0, 1.0, 1000 if proven else 100)[:, None] * (last - first)
-        least = gaps(way).min()
-        assert least > 0.0 if proven else least < 0.02 * np.linalg.norm(last - first) + ORACLE_BAND
+        smallest = gaps(way).min()
+        assert smallest > 0.0 if proven else smallest < 0.02 * np.linalg.norm(last - first) + ORACLE_BAND
     return free
 
 
@@ -200,8 +200,8 @@ def test_meshes_agree_with_manifold3d(seed, margin):
         if proven:
             assert gaps(way).min() > -ORACLE_BAND
         else:
-            most = 0.05 * np.linalg.norm(last - first) + ORACLE_BAND
-            assert any(gaps(part).min() < most for part in np.array_split(way, 20))
+            largest = 0.05 * np.linalg.norm(last - first) + ORACLE_BAND
+            assert any(gaps(part).min() < largest for part in np.array_split(way, 20))
 
 
 def test_box_meshes_agree_with_boxes():
@@ -403,12 +403,12 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
 
     corners = np.array(mesh.vertices)
 
-    def gaps(places, matrices):
-        apart = np.empty(len(places))
-        for k, (place, matrix) in enumerate(zip(places, matrices, strict=True)):
-            moved.setTransform(fcl.Transform(matrix, place))
+    def gaps(positions, matrices):
+        apart = np.empty(len(positions))
+        for k, (position, matrix) in enumerate(zip(positions, matrices, strict=True)):
+            moved.setTransform(fcl.Transform(matrix, position))
             apart[k] = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
-        at = corners @ matrices.swapaxes(1, 2) + places[:, None]
+        at = corners @ matrices.swapaxes(1, 2) + positions[:, None]
         return apart if outside == "free" else np.minimum(apart, np.minimum(at, 2.0 - at).min(axis=(1, 2)))
 
     rotations = rng.uniform(-9.0, 9.0, (150, 1)) if turns == "yaw" else Rotation.random(150, random_state=1).as_quat()
@@ -426,8 +426,8 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
         answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
         shares = (t if answer else t[::9])[:, None]
         turned = Rotation.from_rotvec(shares * turn) * turn_of(first)
-        least = gaps(first[:3] + shares * step, turned.as_matrix()).min()
-        assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
+        smallest = gaps(first[:3] + shares * step, turned.as_matrix()).min()
+        assert smallest > 0.0 if answer else smallest < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
         proven += answer
     assert proven > 3
 

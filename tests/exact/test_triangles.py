@@ -185,9 +185,9 @@ def test_touching_triangles_have_no_distance(scale, beside):
 def test_distances_include_pose_and_radius(pair, seed, radius):
     first, second = pair
     rng = np.random.default_rng(seed)
-    turn, place = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-1, 1, 3)
-    true = float(squared_triangle_distance(first @ turn.T + place, second)) ** 0.5 - radius
-    distance = Pair(pieces(first[None], 0.75 * radius), pieces(second[None], 0.25 * radius)).distance(place, turn)
+    turn, position = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-1, 1, 3)
+    true = float(squared_triangle_distance(first @ turn.T + position, second)) ** 0.5 - radius
+    distance = Pair(pieces(first[None], 0.75 * radius), pieces(second[None], 0.25 * radius)).distance(position, turn)
     allowed = 1e-11 * np.abs(pair).sum()
     assert distance <= max(true, 0.0) + allowed and (distance > true - 1e-6 or true < 1e-6)
 
@@ -198,13 +198,13 @@ def test_free_fractions_hold_along_the_motion(pair, seed):
     first, second = pair
     rng = np.random.default_rng(seed)
     step, axis, angle = rng.uniform(-2, 2, 3), rng.normal(size=3), rng.choice([0.0, 0.3, 3.0])
-    middle = first.mean(axis=0)  # the center of rotation
-    robot, place = first - middle, tuple(middle)
+    center = first.mean(axis=0)  # the center of rotation
+    robot, position = first - center, tuple(center)
     required = 1e-12 * np.abs(pair).sum()  # for rounding
-    proven = Pair(pieces(robot[None]), pieces(second[None])).share(place, STILL, step, angle, required, enough=1.0)
+    proven = Pair(pieces(robot[None]), pieces(second[None])).share(position, STILL, step, angle, required, enough=1.0)
     for t in max(proven, 0.0) * rng.uniform(-1.0, 1.0, 9):
         turn = Rotation.from_rotvec(t * angle * axis / np.linalg.norm(axis)).as_matrix()
-        placed = robot @ turn.T + place + t * step
+        placed = robot @ turn.T + position + t * step
         assert proven < 0.0 or squared_triangle_distance(placed, second) > 0
 
 

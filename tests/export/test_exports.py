@@ -68,8 +68,8 @@ def test_the_boundary_of_free_cells_is_closed(state: np.ndarray) -> None:
     low, high = corners.min(axis=1), corners.max(axis=1)
     np.testing.assert_array_equal(np.sort(high - low, axis=1), np.tile([0.0, 1.0, 1.0], (len(faces), 1)))
     sides = Counter(
-        (tuple(middle), tuple(normal))
-        for middle, normal in zip((low + high).astype(int).tolist(), normals.astype(int).tolist(), strict=True)
+        (tuple(center), tuple(normal))
+        for center, normal in zip((low + high).astype(int).tolist(), normals.astype(int).tolist(), strict=True)
     )
     assert sides == Counter({square: 2 * count for square, count in squares(state).items()})
     # Two triangles of half a square each fill it only if they differ.

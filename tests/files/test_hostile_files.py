@@ -65,11 +65,11 @@ def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dic
 
 def refused(path: Path, message: str, **options: Any) -> None:
     """Fail unless a file is refused quickly in one line."""
-    began = time.process_time()
+    start = time.process_time()
     with pytest.raises(CspaceError, match=message) as caught:
         Workspace.open(path, **options)
     assert "\n" not in str(caught.value)
-    assert time.process_time() - began < 5.0
+    assert time.process_time() - start < 5.0
 
 
 def ros_map(tmp_path: Path, **changes: str) -> Path:
@@ -262,9 +262,9 @@ def test_long_runs_are_read_in_linear_time(families: dict[str, Path], name: str,
     """A quadratic algorithm would take many minutes."""
     path, run = families[name], 100_000 * fill
     content = path.read_text()
-    places = [place for place, letter in enumerate(content) if letter in " \n("]
-    for place in (places[0], places[len(places) // 2], places[-1]):
-        path.write_text(content[:place] + run + content[place:])
+    positions = [position for position, letter in enumerate(content) if letter in " \n("]
+    for position in (positions[0], positions[len(positions) // 2], positions[-1]):
+        path.write_text(content[:position] + run + content[position:])
         assert soak.attempt(path) in ("opened", "refused")
     path.write_text(content)
 

@@ -107,8 +107,8 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
     mesh = read(tmp_path, "nodes.glb", gltf(edit))
     assert len(mesh.faces) == 36
     turned = (CORNERS * [-1, 1, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [0, 0, 50]
-    places = [CORNERS, CORNERS + FAR + [0, 5, 0], turned]
-    expected = np.concatenate(places) * [2, 1, 1]
+    positions = [CORNERS, CORNERS + FAR + [0, 5, 0], turned]
+    expected = np.concatenate(positions) * [2, 1, 1]
     assert np.allclose(np.unique(mesh.vertices.round(4), axis=0), np.unique(expected.round(4), axis=0))
     assert mesh.volume == pytest.approx(2 * 64 * (1 + 1 + 3))
 

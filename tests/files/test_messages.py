@@ -123,8 +123,8 @@ def distances(space, free):
     ringed = np.argwhere(np.pad(~free, 1, constant_values=True)) - 1
     steps = np.indices((3, 3)).reshape(2, -1).T  # the candidates in a cell, in half cells
     tree = cKDTree((2 * ringed[:, None] + steps).reshape(-1, 2))
-    middles = 2 * np.indices(free.shape).reshape(2, -1).T + 1
-    return space.grid.spacing / 2 * tree.query(middles)[0].reshape(free.shape)
+    centers = 2 * np.indices(free.shape).reshape(2, -1).T + 1
+    return space.grid.spacing / 2 * tree.query(centers)[0].reshape(free.shape)
 
 
 @pytest.mark.parametrize("fill", [None, strict("metadata", ("size_x", "size_y"), "B")])

@@ -68,7 +68,7 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
     """Pose both the primitive and its object anywhere."""
     count = {"box": 3, "sphere": 1}.get(kind, 2)
     turns = Rotation.from_euler("xyz", angles), Rotation.from_euler("z", angles[0])
-    poses = [pose(place, turn.as_quat()) for place, turn in zip(places, turns, strict=True)]
+    poses = [pose(position, turn.as_quat()) for position, turn in zip(places, turns, strict=True)]
     dimensions, kind_written = list(sizes[:count]), kind
     if layout == 1:  # the text that ROS prints
         kind_written, dimensions = 1 + NAMES.index(kind), dimensions + [0.0] * (3 - count)
@@ -87,8 +87,8 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
     back = turns[1].inv().apply(turns[0].inv().apply(corners - places[0]) - places[1])
     assert holds(kind, sizes[:count], back, 1e-9).all()
     arm_side = read_moveit_scene(path)["thing"]
-    middle = arm_side.pose[:3, 3]
-    np.testing.assert_allclose(middle, turns[0].apply(places[1]) + places[0], atol=1e-12)
+    center = arm_side.pose[:3, 3]
+    np.testing.assert_allclose(center, turns[0].apply(places[1]) + places[0], atol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore::cspace.MeshWarning")  # the gripper of the UR5 is open

@@ -243,12 +243,12 @@ def test_long_chains_are_placed_in_linear_time(tmp_path):
     seconds = {}
     for count in (100, 800):
         path = written(tmp_path, chain(count))
-        began = time.process_time()
+        start = time.process_time()
         shape = Robot.from_urdf(path).shape
-        seconds[count] = time.process_time() - began
+        seconds[count] = time.process_time() - start
         centers = shape.vertices.reshape(count, -1, 3).mean(axis=1)
-        places = np.cumsum(np.exp(0.01j * np.arange(count))) - np.exp(0.01j * np.arange(count))
-        assert np.allclose(centers, np.stack([places.real, places.imag, np.zeros(count)], axis=1), atol=1e-9)
+        positions = np.cumsum(np.exp(0.01j * np.arange(count))) - np.exp(0.01j * np.arange(count))
+        assert np.allclose(centers, np.stack([positions.real, positions.imag, np.zeros(count)], axis=1), atol=1e-9)
     assert seconds[800] < 30 * max(seconds[100], 0.05)
 
 

@@ -122,9 +122,9 @@ def test_queries_name_the_first_invalid_number(name, dtype, value):
     space = build_cached(name, 5)
     half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS_PER_COPY, MIN_EDGES_PER_THREAD) + 2}
     ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.size, 0.5))}
-    for subject, middle in half.items():
-        last = 2 * middle
-        for first, second in ((0, 1), (1023, 1024), (ROWS_PER_COPY + 1, ROWS_PER_COPY), (last, middle + 1), (last, 7)):
+    for subject, split in half.items():
+        last = 2 * split
+        for first, second in ((0, 1), (1023, 1024), (ROWS_PER_COPY + 1, ROWS_PER_COPY), (last, split + 1), (last, 7)):
             q = np.full((last + 1, space.size), 0.5, dtype)
             q[first, rng.integers(space.size)] = q[second, rng.integers(space.size)] = value
             with pytest.raises(InputError, match=f"{subject} number {min(first, second)} is .*(nan|inf)"):
@@ -144,8 +144,8 @@ def test_classify_finds_the_rotation_cell_of_each_yaw(rotations, seed):
     cells = Rotations.of(rotations)
     states = (np.arange(len(cells)) % 3).astype(np.uint8)
     space = map_of(np.tile(states[:, None, None], (1, 2, 2)), rotations)
-    borders = np.asarray(cells.borders)
-    yaws = np.concatenate([rng.uniform(-9, 9, 500), borders, borders - 2 * np.pi, np.nextafter(borders, -9)])
+    boundaries = np.asarray(cells.borders)
+    yaws = np.concatenate([rng.uniform(-9, 9, 500), boundaries, boundaries - 2 * np.pi, np.nextafter(boundaries, -9)])
     q = np.column_stack([np.full((len(yaws), 2), 0.5 * space.grid.spacing), yaws])
     assert (space.classify(q) == states[cells.cell_of(yaws)]).all()
 
@@ -200,8 +200,8 @@ def test_certify_path_returns_the_result_of_each_edge(name, exact):
     rng = np.random.default_rng(6)
     space = build_random(name, rng)
     path = np.cumsum(rng.uniform(-0.3, 0.3, (60, space.size)), axis=0)
-    middle = np.array([*np.divide(space.grid.upper, 2), *space.rotations.centers[0]])
-    path = configurations(space, path + middle)
+    center = np.array([*np.divide(space.grid.upper, 2), *space.rotations.centers[0]])
+    path = configurations(space, path + center)
     one = [space.motion_is_free(a, b, exact=exact) for a, b in itertools.pairwise(path)]
     free = space.certify_path(path, exact=exact)
     assert free.dtype == bool and free.tolist() == one and 0 < sum(one) < len(one)

@@ -22,9 +22,9 @@ def distance_to_cells(points, cells):
 
 def distance_in_slices(states, points, slices):
     """Return distances from points to cells of their slices."""
-    shut = [np.argwhere(part != FREE) for part in states]
+    blocked = [np.argwhere(part != FREE) for part in states]
     pairs = zip(points[:, None], slices % len(states), strict=True)  # a map of all rotations repeats its slices
-    return np.concatenate([distance_to_cells(point, shut[s]) for point, s in pairs])
+    return np.concatenate([distance_to_cells(point, blocked[s]) for point, s in pairs])
 
 
 @st.composite
@@ -107,12 +107,12 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
     check = space.clearance_checker()
     for point, bound, state in zip(q, space.clearance(q), space.classify(q), strict=True):
         slice_q = np.column_stack([space.grid.center_of(around), np.tile(point[dim:], (len(around), 1))])
-        shut = around[space.classify(slice_q) != FREE] * h + lower
+        blocked = around[space.classify(slice_q) != FREE] * h + lower
         assert check(*point.tolist()) == bound == space.clearance(point)
         if state != FREE:
             assert bound == 0.0
-        elif len(shut):
-            distance = oracles.box_gaps(point[:dim], point[:dim], shut, shut + h).min()
+        elif len(blocked):
+            distance = oracles.box_gaps(point[:dim], point[:dim], blocked, blocked + h).min()
             assert bound <= distance + 1e-9
             if space.grid.contains(point[:dim]):
                 assert bound > distance - 1e-6 * h

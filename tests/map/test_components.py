@@ -286,9 +286,9 @@ def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
         stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape))
         space, states = handmade.map_in(workspace, robot, stack, cells, outside="free"), stack[slice_of]
         assert len(stack) < len(cells) and (space.cell_states == states).all()
-        places = np.random.default_rng(seed).permutation(handmade.all_cells(states))[:150]
-        q = handmade.cell_centers(space, places)
-        free = handmade.components(states == FREE, kind)[tuple(places.T)]
+        positions = np.random.default_rng(seed).permutation(handmade.all_cells(states))[:150]
+        q = handmade.cell_centers(space, positions)
+        free = handmade.components(states == FREE, kind)[tuple(positions.T)]
         answers = proven_paths(space, q[:, None], q[None])
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
 

@@ -80,15 +80,15 @@ def test_motion_is_free_exactly_if_all_touched_cells_are_free(state, outside, st
     start, end, lower, upper = start[:dim], end[:dim], (0.0,) * dim, H * np.array(state.shape)
     stays = all(0.0 <= value <= top for q in (start, end) for value, top in zip(q, upper, strict=True))
     near = np.ndindex(state.shape) if stays else cells_around(state, outside)
-    shut = [cell for cell in near if state_of(state, outside, cell) != FREE]
-    touched = touches(start, end, shut, H, lower) or not (stays or outside.state == FREE)
+    blocked = [cell for cell in near if state_of(state, outside, cell) != FREE]
+    touched = touches(start, end, blocked, H, lower) or not (stays or outside.state == FREE)
     space = map_of(state, outside=outside)
     free = space.motion_is_free(start, end)
     assert free == space.motion_is_free(end, start) == space.edge_checker()(*start, *end)
     if free == touched:
         # The query may refuse a cell within its slack.
         assert not free
-        assert touches(start, end, shut, H, lower, 2.0**-26)
+        assert touches(start, end, blocked, H, lower, 2.0**-26)
 
 
 @settings(max_examples=60)
@@ -100,15 +100,15 @@ def test_rounding_hides_no_touched_cell(seed, away, dim):
     lower = np.rint(rng.uniform(-5, 1, dim)) * h + away  # the origin lies in the grid, where differences are rounded
     shape = (4, 3, 5)[:dim]
     state = np.zeros(shape, dtype=np.uint8)
-    shut = tuple(rng.integers(0, shape).tolist())
-    state[shut] = MIXED
+    blocked = tuple(rng.integers(0, shape).tolist())
+    state[blocked] = MIXED
     space = map_of(state, spacing=h, lower=tuple(lower.tolist()))
     q0, q1 = (lower + h * (rng.integers(0, 2 * np.array(shape) + 1, (150, dim)) / 2) for _ in range(2))
     q1 = np.where(rng.random(q0.shape) < 0.5, q0, q1)
     near = rng.choice([0.0, 0.0, -3e-16, 3e-16], (2, *q0.shape))
     q0, q1 = q0 * (1.0 + near[0]), q1 * (1.0 + near[1])
     for start, end, free in zip(q0, q1, space.motion_is_free(q0, q1).tolist(), strict=True):
-        assert not (free and touches(start, end, [shut], h, lower))
+        assert not (free and touches(start, end, [blocked], h, lower))
 
 
 @settings(max_examples=20)
@@ -119,9 +119,9 @@ def test_edges_along_a_boundary_touch_both_sides(seed, which):
     for _ in range(15):
         h, k = float(rng.uniform(0.01, 3.0)), int(rng.integers(1, 6))
         lower = -h * k  # the boundary is near zero, where its distance from the corner is rounded the most
-        border = Fraction(lower) + Fraction(h) * k
-        below = float(border) if Fraction(float(border)) <= border else np.nextafter(float(border), -9.0)
-        above = float(border) if Fraction(float(border)) >= border else np.nextafter(float(border), 9.0)
+        boundary = Fraction(lower) + Fraction(h) * k
+        below = float(boundary) if Fraction(float(boundary)) <= boundary else np.nextafter(float(boundary), -9.0)
+        above = float(boundary) if Fraction(float(boundary)) >= boundary else np.nextafter(float(boundary), 9.0)
         for cell, values in ((k - 1, (below, below - 1e-17)), (k, (above, above + 1e-17))):
             state = np.zeros((7,) * dim, dtype=np.uint8)
             state[(slice(None),) * axis + (cell,)] = MIXED
@@ -139,8 +139,8 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     outside = outside.project(dim)
     space = handmade.make_map(states, kind, outside)
     inside, around = rng.random((2, 60, dim)) * space.grid.upper, rng.uniform(-0.6, 1.8, (2, 60, dim))
-    places = np.where(rng.random((60, 1)) < 0.5, inside, around)
-    endpoints = np.concatenate([places, rng.uniform(-3, 3, (2, 60, space.size - dim))], axis=2)
+    positions = np.where(rng.random((60, 1)) < 0.5, inside, around)
+    endpoints = np.concatenate([positions, rng.uniform(-3, 3, (2, 60, space.size - dim))], axis=2)
     q0, q1 = handmade.configurations(space, endpoints)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):
@@ -228,9 +228,9 @@ def configuration(end, borders, shape):
 @example(2, [(1, 2, 1, 0)], (0.25, 0.25, 0.0, 1.0), (0.75, 0.75, 0.0, 2.0), (SIDE, SIDE))  # a corner of all three
 def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(rotations, closed, start, end, shape):
     space = map_free_except(closed, rotations, shape)
-    borders = space.rotations.borders
-    q0, q1 = configuration(start, borders, shape), configuration(end, borders, shape)
-    walk = (q0, q1, H, (0,) * len(shape), shape, borders)
+    boundaries = space.rotations.borders
+    q0, q1 = configuration(start, boundaries, shape), configuration(end, boundaries, shape)
+    walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
     answer = space.motion_is_free(q0, q1)
     assert answer == space.motion_is_free(q1, q0) == space.edge_checker()(*q0, *q1)
     closed_cells = set(map(tuple, np.argwhere(space.cell_states != FREE).tolist()))
@@ -244,10 +244,10 @@ def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(rotations
 @given(rotation_cells(6), endpoints, endpoints, ROOMS)
 def test_edges_test_exactly_the_touched_cells(rotations, start, end, shape):
     """Block all cells off the edge, then each on it."""
-    borders = Rotations.of(rotations).borders
-    q0, q1 = configuration(start, borders, shape), configuration(end, borders, shape)
-    walk = (q0, q1, H, (0,) * len(shape), shape, borders)
-    state = np.full((len(borders) - 1, *shape), MIXED, dtype=np.uint8)
+    boundaries = Rotations.of(rotations).borders
+    q0, q1 = configuration(start, boundaries, shape), configuration(end, boundaries, shape)
+    walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
+    state = np.full((len(boundaries) - 1, *shape), MIXED, dtype=np.uint8)
     for cell in oracles.touched_turned_cells(*walk, slack=1e-8):
         state[cell] = FREE
     assert map_of(state, rotations, spacing=H).motion_is_free(q0, q1)
@@ -304,7 +304,7 @@ def interpolate(q0, q1, times):
 def test_edges_touch_the_cells_of_ompl_interpolation(rotations, seed):
     """Block each cell that OMPL interpolates through."""
     rng = np.random.default_rng(seed)
-    borders = np.asarray(Rotations.of(rotations).borders)
+    boundaries = np.asarray(Rotations.of(rotations).borders)
     q0, q1 = (np.append(rng.uniform(0, 1, 2), rng.uniform(-math.pi, math.pi)) for _ in range(2))
     if rng.random() < 0.3:  # at half a turn OMPL may rotate either way
         q0[2] = rng.uniform(-math.pi, 0.0)
@@ -314,7 +314,7 @@ def test_edges_touch_the_cells_of_ompl_interpolation(rotations, seed):
     cells = np.column_stack([Rotations.of(rotations).cell_of(between[:, 2]), positions])
     for cell in np.unique(cells, axis=0).tolist():
         assert not map_free_except([cell], rotations).motion_is_free(q0, q1)
-    walk = (q0, q1, H, (0, 0), (SIDE, SIDE), borders)
+    walk = (q0, q1, H, (0, 0), (SIDE, SIDE), boundaries)
     assert set(map(tuple, cells.tolist())) <= oracles.touched_turned_cells(*walk, slack=1e-8)
 
 

@@ -37,8 +37,8 @@ def test_exterior_states_agree_with_the_rasters(seed, dim, exterior_blocked):
         outside, cells = Outside(row[:-1], int(row[-1])), np.array(around)
 
         def hits(raster, cells=cells):
-            spots = cells[:, None] + np.argwhere(raster.cells) + raster.lower + 20
-            return wide[tuple(np.moveaxis(spots, -1, 0))].any(axis=1)
+            points = cells[:, None] + np.argwhere(raster.cells) + raster.lower + 20
+            return wide[tuple(np.moveaxis(points, -1, 0))].any(axis=1)
 
         first, last = np.split(outside.box, 2)
         states = np.where(((first <= cells) & (cells <= last)).all(axis=1), MIXED, outside.state)

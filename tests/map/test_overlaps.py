@@ -38,11 +38,11 @@ def test_overlap_count_counts_the_pairs_of_cells(seed, dim, outside):
     cells[tuple(rng.integers(0, size))] = True
     raster = Raster.from_bitmap(cells, tuple(rng.integers(-4, 3, dim).tolist()))
     space = map_of(np.zeros(shape), outside=outside, rasters=[(raster, raster)], occupied=occupied)
-    spots = np.array(list(itertools.product(*(range(-3, n + 3) for n in shape))))
+    points = np.array(list(itertools.product(*(range(-3, n + 3) for n in shape))))
     wide = np.pad(occupied, 12, constant_values=outside == "blocked")
     offsets = np.argwhere(raster.cells) + raster.lower
-    expected = wide[tuple(np.moveaxis(spots[:, None] + offsets + 12, -1, 0))].sum(axis=1)
-    q = 0.25 * spots + 0.125
+    expected = wide[tuple(np.moveaxis(points[:, None] + offsets + 12, -1, 0))].sum(axis=1)
+    q = 0.25 * points + 0.125
     assert space.overlap_count(q).tolist() == expected.tolist()
     assert space.contains_robot(q).tolist() == (expected == len(offsets)).tolist()
 

@@ -183,9 +183,9 @@ def test_queries_agree_on_the_rotation_cell_at_far_boundaries():
     cells = Rotations.of(72)
     states = np.arange(72) % 3
     space = map_of(np.broadcast_to(states[:, None, None], (72, 3, 3)), 72)
-    borders = np.asarray(cells.borders)[:-1]
+    boundaries = np.asarray(cells.borders)[:-1]
     for wraps in (-3, 0, 2, 100, 1000, 150_000):
-        q = np.column_stack([np.full((72, 2), 0.3), borders + wraps * TWO_PI])
+        q = np.column_stack([np.full((72, 2), 0.3), boundaries + wraps * TWO_PI])
         expected = space.classify(q)
         assert (states[cells.cell_of(q[:, 2])] == expected).all()
         assert space.is_connected(q, q).tolist() == [state == FREE for state in expected]
@@ -274,17 +274,17 @@ def meets_box(cell, borders, q, distance, angle, slack=0.0):
 )
 def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distance, angle, shape):
     """Block all cells outside the box, then each inside."""
-    borders = Rotations.of(rotations).borders
+    boundaries = Rotations.of(rotations).borders
     x, y, yaw = end
-    yaw = resolve_yaw(yaw, borders)
+    yaw = resolve_yaw(yaw, boundaries)
     q = (x, y, yaw) if len(shape) == 2 else (0.5 * x, 0.75 * y, 0.3, yaw)
-    state = np.full((len(borders) - 1, *shape), MIXED, dtype=np.uint8)
+    state = np.full((len(boundaries) - 1, *shape), MIXED, dtype=np.uint8)
     cells = list(np.ndindex(state.shape))
     for cell in cells:
-        if meets_box(cell, borders, q, distance, angle, slack=1e-8):
+        if meets_box(cell, boundaries, q, distance, angle, slack=1e-8):
             state[cell] = FREE
     assert map_of(state, rotations, spacing=H).is_free_around(q, distance, angle)
-    inside = [cell for cell in cells if meets_box(cell, borders, q, distance, angle)]
+    inside = [cell for cell in cells if meets_box(cell, boundaries, q, distance, angle)]
     for cell in {inside[0], inside[-1], *inside[:: 1 + len(inside) // 8]} if inside else ():
         one = np.full_like(state, FREE)
         one[cell] = MIXED
@@ -293,10 +293,10 @@ def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distanc
 
 def test_is_free_around_is_safe_at_far_boundaries():
     space = map_of(np.where(np.arange(63) == 40, MIXED, FREE)[:, None, None] * np.ones((1, 3, 3)), 63)
-    borders, closed = np.asarray(space.rotations.borders), space.rotations.centers[:, 0][40]
+    boundaries, closed = np.asarray(space.rotations.borders), space.rotations.centers[:, 0][40]
     angle = 1.0
     for wraps in (2, 10, 1000):
-        yaw = borders + wraps * TWO_PI + angle + ANGLE_SLACK
+        yaw = boundaries + wraps * TWO_PI + angle + ANGLE_SLACK
         for nudged in (yaw, np.nextafter(yaw, 0.0), np.nextafter(yaw, 1e9)):
             near = np.abs((nudged - closed + math.pi) % TWO_PI - math.pi) < angle
             q = np.column_stack([np.full((64, 2), 0.3), nudged])

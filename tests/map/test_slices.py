@@ -116,7 +116,7 @@ def test_sharing_slices_in_the_plane_changes_no_state(name, count, monkeypatch):
 
 
 def test_unequal_rotation_cells_share_slices_only_for_discs():
-    borders = [0.0, 1.0, math.pi, math.pi + 1.0, TWO_PI]
-    cells = Rotations.of(borders)
+    boundaries = [0.0, 1.0, math.pi, math.pi + 1.0, TWO_PI]
+    cells = Rotations.of(boundaries)
     assert cells._slices_for(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
     assert cells._slices_for(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]

@@ -91,20 +91,25 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = random_map(name, rng)
     points, cells = cell_centers(space), list(np.ndindex(len(space.rotations), *space.grid.shape))
-    kept = make_widest(space)
+    levels_map = make_widest(space)
     clearances = np.asarray(space.clearance(points))
-    levels = kept.levels[kept.slice_of].ravel()
+    levels = levels_map.levels[levels_map.slice_of].ravel()
     assert np.array_equal(levels > 0, clearances > 0.0) and (np.abs(levels / 128 - clearances) <= 1 / 128 + 1e-6).all()
     free = np.flatnonzero(clearances > 0.0)
     if not len(free):
         return
-    outside = np.zeros(len(kept.levels), dtype=bool)
-    join = partial(Components, slice_of=kept.slice_of, neighbors=space.rotations._neighbors, exterior_open=outside)
+    outside = np.zeros(len(levels_map.levels), dtype=bool)
+    join = partial(
+        Components, slice_of=levels_map.slice_of, neighbors=space.rotations._neighbors, exterior_open=outside
+    )
     for start, goal in rng.choice(free, (2, 2)):
         best = find_bottleneck(space, start, goal)
         ends = np.array(cells[start]), np.array(cells[goal])
-        level = kept.bottleneck(*ends, join, math.inf)
-        assert kept.bottleneck(*ends[::-1], join, math.inf) == level and len(kept.cached) <= widest.MAX_CACHED_LEVELS
+        level = levels_map.bottleneck(*ends, join, math.inf)
+        assert (
+            levels_map.bottleneck(*ends[::-1], join, math.inf) == level
+            and len(levels_map.cached) <= widest.MAX_CACHED_LEVELS
+        )
         assert abs(level / 128 - best) <= 1 / 128 + 1e-6
         path = space.find_widest_path(points[start], points[goal], straight=False)
         assert (len(path) > 0) == (best > 0.0)
@@ -113,7 +118,7 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         assert np.asarray(space.clearance(path)).min() >= best - 1e-6  # a climb may cut a corner
         assert space.certify_path(path).all()
         shortest = dijkstra(link_wide_cells(space, levels >= level, True), indices=start)[goal]
-        chain = points[[cells.index(tuple(cell)) for cell in kept.shortest(*ends, level, math.inf).tolist()]]
+        chain = points[[cells.index(tuple(cell)) for cell in levels_map.shortest(*ends, level, math.inf).tolist()]]
         assert compute_length(space, chain) == pytest.approx(shortest, rel=1e-5)
         pulled = space.find_widest_path(points[start], points[goal])
         assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
@@ -239,8 +244,8 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
         robot = Robot.rectangle(0.3, 0.1) if cells.ndim == 2 else Robot.box((0.3, 0.1, 0.1))
     space = build(Workspace.from_array(cells, 0.1), robot, rotations=WIDEST_TURNS.get(name), outside=outside)
     states = space._kernel_map.states
-    kept, fresh = make_widest(space), widest.Widest.of
-    monkeypatch.setattr(widest.Widest, "of", lambda *_: kept)  # the map uses this one, so its updates refresh it
+    levels_map, fresh = make_widest(space), widest.Widest.of
+    monkeypatch.setattr(widest.Widest, "of", lambda *_: levels_map)  # the map uses this one, so its updates refresh it
     endpoints = space.sample_free(2, rng)
     space.find_widest_path(*endpoints)
     for step in range(24):
@@ -248,8 +253,8 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
         lower = rng.integers(0, np.array(cells.shape) - size + 1)
         space.update(rng.random(size) < 0.5 * (step % 3), lower)
         if step % 2:
-            levels = fresh(space._kernel_map, states, space.rotations, kept.periodic_axes).levels
-            assert np.array_equal(kept.updated(space._kernel_map, states).levels, levels)
+            levels = fresh(space._kernel_map, states, space.rotations, levels_map.periodic_axes).levels
+            assert np.array_equal(levels_map.updated(space._kernel_map, states).levels, levels)
 
 
 def test_widest_path_refuses_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,8 +64,8 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
         tip = [np.cos(q[0]) + np.cos(q.sum()), np.sin(q[0]) + np.sin(q.sum()), 0.0]
         assert np.linalg.norm(pale - tip, axis=-1).min() < 0.08
     (line,) = ax.lines
-    middle = np.array([np.cos(0.0) + 0.5, 0.0, 0.0])
-    np.testing.assert_allclose(np.array(line.get_data_3d())[:, 0], middle, atol=1e-9)
+    center = np.array([np.cos(0.0) + 0.5, 0.0, 0.0])
+    np.testing.assert_allclose(np.array(line.get_data_3d())[:, 0], center, atol=1e-9)
     assert len(painted(ax, PATH_COLOR))
     assert ax.get_figure().get_suptitle() == "on its way"
 

@@ -21,12 +21,12 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
     classes = data.draw(arrays(np.uint8, shape, elements=st.integers(0, 4)))
     counts = data.draw(st.tuples(*(st.integers(1, n) for n in shape)))
     starts = [np.array([i * n // m for i in range(m)]) for n, m in zip(shape, counts, strict=True)]
-    blocks, least = reduce_blocks(classes, starts), reduce_blocks(classes, starts, np.minimum)
+    blocks, smallest = reduce_blocks(classes, starts), reduce_blocks(classes, starts, np.minimum)
     assert blocks.shape == counts
     starts = [[*start, n] for start, n in zip(starts, shape, strict=True)]
     for i, j in np.ndindex(blocks.shape):
         block = classes[starts[0][i] : starts[0][i + 1], starts[1][j] : starts[1][j + 1]]
-        assert (blocks[i, j], least[i, j]) == (block.max(), block.min())
+        assert (blocks[i, j], smallest[i, j]) == (block.max(), block.min())
 
 
 @cache

@@ -43,6 +43,6 @@ def test_discs_show_the_state_of_each_heading_and_tilt() -> None:
         x, y = radius * np.cos(way), radius * np.sin(way)
         tilts = Rotation.from_rotvec(np.pi * np.stack([-y, x, np.zeros(40)], axis=-1))
         turns = tilts * Rotation.from_rotvec([0.0, 0.0, k * np.pi / 3.0 + 1e-6])
-        for place, turn in zip(zip(x, y, strict=True), turns.as_quat(), strict=True):
-            right += pixel(ax, image, *place) == color_at(space, *turn)
+        for position, turn in zip(zip(x, y, strict=True), turns.as_quat(), strict=True):
+            right += pixel(ax, image, *position) == color_at(space, *turn)
     assert right >= 220  # the others are on the border of two cells or below text

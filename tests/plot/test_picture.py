@@ -51,8 +51,8 @@ def test_the_title_tells_yaw_and_width(turning: CSpace) -> None:
     assert "yaw -90°" in heading(plot(turning, rotation=1.5 * math.pi))
     assert "over all rotations, 24 rotation cells of 15°" in heading(plot(turning))
     assert heading(plot(turning, rotation=0.0, title="mine")) == "mine"
-    borders = np.radians([0.0, 90.0, 100.0, 360.0])
-    uneven = build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.rectangle(0.2, 0.1), rotations=borders)
+    boundaries = np.radians([0.0, 90.0, 100.0, 360.0])
+    uneven = build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.rectangle(0.2, 0.1), rotations=boundaries)
     assert "3 rotation cells of 10° to 260°" in heading(plot(uneven))
 
 
@@ -209,9 +209,9 @@ def test_path_and_marks_have_their_coordinates(flat: CSpace) -> None:
 
 def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpace) -> None:
     drawn = boxes(plot(flat, path=[(1, 1), (1, 4), (7, 4)], robot_every=1.0))
-    middles = np.array([[(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2] for box in drawn])
+    centers = np.array([[(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2] for box in drawn])
     between = [(1, 2), (1, 3), (1, 4), (2, 4), (3, 4), (4, 4), (5, 4), (6, 4)]
-    np.testing.assert_allclose(middles, [*between, (1, 1), (7, 4)], atol=1e-9)
+    np.testing.assert_allclose(centers, [*between, (1, 1), (7, 4)], atol=1e-9)
     np.testing.assert_allclose([box.width for box in drawn], 0.64, atol=1e-9)
     assert len(boxes(plot(flat, path=[(1, 1), (7, 4)], robot_every=float("inf")))) == 2
     assert 5 < len(boxes(plot(flat, path=[(1, 1), (7, 4)]))) < 20
@@ -221,8 +221,8 @@ def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpac
     expected = [(1.8, 2.2, y - 0.3, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
     np.testing.assert_allclose([(box.x0, box.x1, box.y0, box.y1) for box in drawn], expected, atol=1e-9)
     assert 4 <= len(boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a rotation in place
-    middle = boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
-    np.testing.assert_allclose((middle.x0, middle.x1, middle.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
+    center = boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
+    np.testing.assert_allclose((center.x0, center.x1, center.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0, -2.5])

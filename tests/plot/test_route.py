@@ -29,7 +29,7 @@ def test_interpolation_has_even_speed_along_the_path(dim: int, rotations: Rotati
     )
     drawn = data.draw(st.lists(st.tuples(st.tuples(*[number] * dim), turn), min_size=1, max_size=6))
     path = np.array(
-        [(*place, *np.divide(rest, np.linalg.norm(rest) if len(rest) > 1 else 1.0)) for place, rest in drawn]
+        [(*position, *np.divide(rest, np.linalg.norm(rest) if len(rest) > 1 else 1.0)) for position, rest in drawn]
     )
     way = glyph.path_lengths(path)
     assert (np.diff(way) >= 0).all()

@@ -27,9 +27,9 @@ def places(corners: NDArray[np.float64]) -> set[tuple[int, ...]]:
 
     Centers are in half cells.
     """
-    middles = np.rint((corners.mean(axis=1) - GRID.lower) / 0.5 * 2).astype(int)
+    centers = np.rint((corners.mean(axis=1) - GRID.lower) / 0.5 * 2).astype(int)
     axes = np.ptp(corners, axis=1).argmin(axis=1)
-    return {(*middle.tolist(), int(axis)) for middle, axis in zip(middles, axes, strict=True)}
+    return {(*center.tolist(), int(axis)) for center, axis in zip(centers, axes, strict=True)}
 
 
 cells = arrays(np.bool_, st.tuples(*[st.integers(1, 5)] * 3))
@@ -79,8 +79,8 @@ def test_merged_blocks_cover_all_solid_cells(monkeypatch: pytest.MonkeyPatch, mo
     assert (corners >= grid.lower).all()
     assert (corners <= grid.upper).all()
     low, high = corners.min(axis=1), corners.max(axis=1)
-    for middle in grid.center_of(np.argwhere(solid)):
-        assert (((low <= middle) & (middle <= high))[:, :2].all(axis=1) & (low[:, 2] >= middle[2])).any()
+    for center in grid.center_of(np.argwhere(solid)):
+        assert (((low <= center) & (center <= high))[:, :2].all(axis=1) & (low[:, 2] >= center[2])).any()
 
 
 def test_cut_omits_cells_above_it() -> None:
@@ -108,9 +108,9 @@ def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> Non
     normal = np.argmin(np.ptp(corners, axis=1), axis=1)
     towards = surface.camera_direction(np.array(surface.DEFAULT_CAMERA))
     step = 0.05 * np.sign(towards[normal])[:, np.newaxis] * (np.arange(3) == normal[:, np.newaxis])
-    middles = corners.mean(axis=1)
-    assert solid[tuple(hall.grid.cell_of(middles - step).T)].all()
-    ahead = middles + step
+    centers = corners.mean(axis=1)
+    assert solid[tuple(hall.grid.cell_of(centers - step).T)].all()
+    ahead = centers + step
     inside = hall.grid.contains(ahead)
     faced = solid[tuple(hall.grid.cell_of(ahead[inside]).T)]
     assert not faced.any() or shown == "free"  # part of a removed wall may remain in front

@@ -174,10 +174,10 @@ def covered(boxes, side, fine=4):
 
     The corners of the boxes are at odd multiples of 1 / (2 fine).
     """
-    middles = (np.arange(side * fine) + 0.5) / fine
+    centers = (np.arange(side * fine) + 0.5) / fine
     filled = np.zeros((side * fine,) * 3, dtype=bool)
     for low, high in boxes:
-        x, y, z = ((middles > a) & (middles < b) for a, b in zip(low, high, strict=True))
+        x, y, z = ((centers > a) & (centers < b) for a, b in zip(low, high, strict=True))
         filled |= x[:, None, None] & y[None, :, None] & z[None, None, :]
     blocks = filled.reshape(side, fine, side, fine, side, fine)
     return blocks.any(axis=(1, 3, 5)), blocks.all(axis=(1, 3, 5))
@@ -288,14 +288,14 @@ def test_round_solids_agree_with_their_formulas():
         mesh = Mesh.of(solid)
         grid = Grid((-3.1, -3.2, -3.05), 0.15, (42, 43, 41))
         outer, inner = mesh.cells(grid)
-        middles = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
-        depth, half = distance(middles), 0.15 * math.sqrt(3) / 2
+        centers = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
+        depth, half = distance(centers), 0.15 * math.sqrt(3) / 2
         assert inner[depth < -half - sag].all()
         assert not inner[depth > -0.075].any()
         assert outer[depth < 0.075 - sag].all()
         assert not outer[depth > half + NEAR].any()
-        assert mesh.contains(middles)[depth < -sag].all()
-        assert not mesh.contains(middles)[depth > 0].any()
+        assert mesh.contains(centers)[depth < -sag].all()
+        assert not mesh.contains(centers)[depth > 0].any()
         a_out, a_in = mesh.rasters(0.15)
         for raster, must, may in ((a_out, 0.15 - sag, 0.15 * math.sqrt(3) + NEAR), (a_in, -sag, 0.0)):
             points = np.moveaxis(np.indices(np.array(raster.cells.shape) + 4), 0, -1) - 2 + raster.lower
@@ -413,8 +413,8 @@ def test_a_filled_robot_covers_its_filled_cells(margin):
     rng = np.random.default_rng(8)
     filled = 0
     for _ in range(30):
-        middles = rng.uniform(0, 7, (70, 1, 3))
-        mesh = Mesh.of(soup(middles + rng.normal(size=(70, 3, 3)) * 0.7), "fill")
+        centers = rng.uniform(0, 7, (70, 1, 3))
+        mesh = Mesh.of(soup(centers + rng.normal(size=(70, 3, 3)) * 0.7), "fill")
         outer, inner = mesh.rasters(1.0, margin)
         filled += inner.count
         points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 2), 0, -1) - 1 + outer.lower

@@ -54,15 +54,15 @@ def test_the_first_of_equal_components_is_the_largest():
 def test_a_cell_lies_within_its_covering_angle_and_no_smaller_one(n):
     """Compute angles of corners and other points by scipy."""
     cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
-    widest, borders = np.zeros(len(cells)), np.asarray(cells.borders)
+    widest, boundaries = np.zeros(len(cells)), np.asarray(cells.borders)
     charts = np.indices((4, n, n, n)).reshape(4, -1)
     centers = Rotation.from_quat(cells.centers)
     for number in range(60):
-        place = (
+        position = (
             np.array(np.unravel_index(number, (2, 2, 2))) if number < 8 else rng.choice([0, 0.5, 1], 3) * rng.random()
         )
-        low, high = borders[charts[1:]] - QUOTIENT_SLACK, borders[charts[1:] + 1] + QUOTIENT_SLACK
-        quotients = low + np.broadcast_to(place, (len(cells), 3)).T * (high - low)
+        low, high = boundaries[charts[1:]] - QUOTIENT_SLACK, boundaries[charts[1:] + 1] + QUOTIENT_SLACK
+        quotients = low + np.broadcast_to(position, (len(cells), 3)).T * (high - low)
         q = np.ones((len(cells), 4))
         for axis in range(4):
             of_chart = charts[0] == axis

@@ -231,9 +231,9 @@ def test_search_boxes_ignore_the_norm_of_quaternions():
     cells = Rotations.quaternions(8)
     states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     states[cells.cell_of(Rotation.from_rotvec([0.0, 0.0, 1.2]).as_quat())] = MIXED
-    space, least = map_of(states, cells, ALL_FREE, 1.0), 3 * math.pi / 8  # the boundary of that cell
+    space, smallest = map_of(states, cells, ALL_FREE, 1.0), 3 * math.pi / 8  # the boundary of that cell
     q = [0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0 + 9e-7]
-    assert space.is_free_around(q, 0.0, least - 2e-8) and not space.is_free_around(q, 0.0, least + 2e-8)
+    assert space.is_free_around(q, 0.0, smallest - 2e-8) and not space.is_free_around(q, 0.0, smallest + 2e-8)
 
 
 def test_search_boxes_are_no_larger_than_necessary():
@@ -278,13 +278,13 @@ def test_states_of_rotating_boxes_agree_with_geometry(seed, n, as_mesh, outside)
     occupied = np.zeros((7, 6, 5), dtype=bool)
     occupied[tuple(rng.integers(0, occupied.shape, (int(rng.integers(1, 4)), 3)).T)] = True
     occupied[2:5, 2:5, 1:4] |= rng.random() < 0.3
-    extents, middle = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.2, 0.2, 3) * rng.integers(0, 2)
-    box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
-    robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, middle)
+    extents, center = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.2, 0.2, 3) * rng.integers(0, 2)
+    box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(center))
+    robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, center)
     space = cspace.build(Workspace.from_array(occupied, H), robot, rotations=Rotations.quaternions(n), outside=outside)
     q = draw_configurations(space, rng, 600)
-    states, depth = space.classify(q), depths(extents, middle, q, H * np.argwhere(occupied))
-    corners = middle + extents / 2 * np.array(list(itertools.product((-1, 1), repeat=3)))
+    states, depth = space.classify(q), depths(extents, center, q, H * np.argwhere(occupied))
+    corners = center + extents / 2 * np.array(list(itertools.product((-1, 1), repeat=3)))
     placed = q[:, None, :3] + np.einsum("nij,kj->nki", Rotation.from_quat(q[:, 3:]).as_matrix(), corners)
     if outside == "blocked":
         depth = np.maximum(depth, np.maximum(-placed, placed - space.grid.upper).max(axis=(1, 2)))

@@ -35,27 +35,27 @@ def test_cells_share_a_slice_only_if_their_boundaries_are_a_symmetry_apart():
 @given(rotation_cells(20))
 def test_cells_cover_the_circle_without_overlap(value):
     cells = Rotations.of(value)
-    borders = np.asarray(cells.borders)
-    assert (np.diff(borders) > 0).all() and borders[-1] == borders[0] + TWO_PI
+    boundaries = np.asarray(cells.borders)
+    assert (np.diff(boundaries) > 0).all() and boundaries[-1] == boundaries[0] + TWO_PI
     if np.ndim(value):
-        assert borders == pytest.approx(value, abs=1e-9)
-    middles = cells.centers[:, 0] + TWO_PI * np.floor((borders[1:] - cells.centers[:, 0]) / TWO_PI)
-    assert (borders[:-1] < middles).all() and (middles < borders[1:]).all()
-    reach = np.stack([borders[1:] - middles, middles - borders[:-1]])
+        assert boundaries == pytest.approx(value, abs=1e-9)
+    middles = cells.centers[:, 0] + TWO_PI * np.floor((boundaries[1:] - cells.centers[:, 0]) / TWO_PI)
+    assert (boundaries[:-1] < middles).all() and (middles < boundaries[1:]).all()
+    reach = np.stack([boundaries[1:] - middles, middles - boundaries[:-1]])
     assert (cells.covering_angles >= reach).all()
 
 
 @given(rotation_cells(20), seeds, st.integers(-3, 3))
 def test_a_yaw_belongs_to_the_cell_between_its_boundaries(value, seed, wraps):
     cells = Rotations.of(value)
-    borders = np.asarray(cells.borders)
-    yaw = np.random.default_rng(seed).uniform(borders[0], borders[-1], 50)
-    expected = [max(k for k in range(len(cells)) if borders[k] <= one) for one in yaw]
-    away = np.abs(yaw[:, None] - borders).min(axis=1) > 1e-9
+    boundaries = np.asarray(cells.borders)
+    yaw = np.random.default_rng(seed).uniform(boundaries[0], boundaries[-1], 50)
+    expected = [max(k for k in range(len(cells)) if boundaries[k] <= one) for one in yaw]
+    away = np.abs(yaw[:, None] - boundaries).min(axis=1) > 1e-9
     assert (cells.cell_of(yaw + wraps * TWO_PI) == expected)[away].all()
     # Wrapping may round a boundary into either cell beside it.
     above = np.arange(len(cells))
-    numbers = cells.cell_of(borders[:-1] + wraps * TWO_PI)
+    numbers = cells.cell_of(boundaries[:-1] + wraps * TWO_PI)
     assert ((numbers == above) | (numbers == (above - 1) % len(cells))).all()
 
 

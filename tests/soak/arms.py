@@ -97,10 +97,10 @@ def _check(tally: Tally, counts: Counter[str], scene: Scene, rng: Rng) -> None:
     goals = _moved(free, arm, rng)
     proven = np.asarray(scene.space.motion_is_free(free, goals)) if len(free) else []
     for q0, q1, is_free in zip(free, goals, proven, strict=True):
-        places = q0 + np.linspace(0.0, 1.0, POINTS_PER_MOTION)[:, np.newaxis] * (q1 - q0)
-        wrong = _are_wrong(meshes, places)
+        positions = q0 + np.linspace(0.0, 1.0, POINTS_PER_MOTION)[:, np.newaxis] * (q1 - q0)
+        wrong = _are_wrong(meshes, positions)
         if is_free:
-            tally.add("motion", scene, places, wrong)
+            tally.add("motion", scene, positions, wrong)
         else:
             counts["refused"] += 1
             counts["missed"] += not wrong.any()

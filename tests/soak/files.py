@@ -172,7 +172,7 @@ def _change(kind: str, data: bytearray, other: bytes, rng: Rng) -> bytearray:
         number = numbers[int(rng.integers(len(numbers)))]
         return data[: number.start()] + EXTREMES[int(rng.integers(len(EXTREMES)))] + data[number.end() :]
     if len(data) >= 4:
-        at, other_at = (int(place) for place in rng.integers(len(data) - 3, size=2))
+        at, other_at = (int(position) for position in rng.integers(len(data) - 3, size=2))
         if kind == "flip":
             data[at] ^= 1 << int(rng.integers(8))
         elif kind == "byte":

@@ -194,9 +194,9 @@ def _star(rng: Rng) -> Any:
 
 
 def _ring(rng: Rng) -> Any:
-    middle = shapely.Point(0.0, 0.0)
-    hole = middle.buffer(float(rng.uniform(0.2, 0.8)), quad_segs=2)
-    return middle.buffer(1.0, quad_segs=int(rng.integers(2, 6))).difference(hole)
+    center = shapely.Point(0.0, 0.0)
+    hole = center.buffer(float(rng.uniform(0.2, 0.8)), quad_segs=2)
+    return center.buffer(1.0, quad_segs=int(rng.integers(2, 6))).difference(hole)
 
 
 def _rectangle(rng: Rng) -> Any:
@@ -262,12 +262,12 @@ def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
 def _judge(tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bools, verdicts: Bytes) -> None:
     q = np.column_stack([ts, np.broadcast_to(rotation, (len(ts), len(rotation)))])
     for verdict, wrong in ((Verdict.MISS, meets), (Verdict.HIT, ~meets)):
-        said = verdicts == verdict
-        tally.add(verdict.name, case, q[said], wrong[said])
+        claimed = verdicts == verdict
+        tally.add(verdict.name, case, q[claimed], wrong[claimed])
     for verdict in Verdict:
-        said = verdicts == verdict
-        tally.verdicts["colliding", verdict.name] += int((said & meets).sum())
-        tally.verdicts["clear", verdict.name] += int((said & ~meets).sum())
+        claimed = verdicts == verdict
+        tally.verdicts["colliding", verdict.name] += int((claimed & meets).sum())
+        tally.verdicts["clear", verdict.name] += int((claimed & ~meets).sum())
 
 
 def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) -> Floats:
@@ -283,9 +283,9 @@ def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) ->
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     near, far = np.zeros(len(starts)), np.full(len(starts), 2.0 * size)
     for _ in range(BISECTION_STEPS):
-        middle = 0.5 * (near + far)
-        meets = collide(starts + middle[:, None] * directions)
-        near, far = np.where(meets, middle, near), np.where(meets, far, middle)
+        center = 0.5 * (near + far)
+        meets = collide(starts + center[:, None] * directions)
+        near, far = np.where(meets, center, near), np.where(meets, far, center)
     picked = rng.integers(len(starts), size=number)
     off = size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*LOG_CONTACT_DISTANCES, number)
     return np.asarray(starts[picked] + (far[picked] + off)[:, None] * directions[picked])

@@ -106,15 +106,15 @@ def check_exact(report: Report, seed: int, edges: int) -> None:
 def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
     """Check configurations in cells of each state, and anywhere."""
     space = case.space
-    state, border = space.cell_states, _state_changes(space.cell_states, space.grid.dim)
+    state, boundary = space.cell_states, _state_changes(space.cell_states, space.grid.dim)
     drawn, claimed = [], []
     for claim in (FREE, MIXED, BLOCKED):
         number = POINTS_PER_STATE // 9 if claim == MIXED else POINTS_PER_STATE // 2
-        for chosen in (state == claim, (state == claim) & border):
+        for chosen in (state == claim, (state == claim) & boundary):
             cells = np.flatnonzero(chosen)
             if len(cells):
-                places = np.stack(np.unravel_index(cells[rng.integers(0, len(cells), number)], state.shape), axis=1)
-                drawn.append(_in_cells(space, places, rng))
+                positions = np.stack(np.unravel_index(cells[rng.integers(0, len(cells), number)], state.shape), axis=1)
+                drawn.append(_in_cells(space, positions, rng))
                 claimed.append(np.full(number, claim))
     q, claims = np.concatenate(drawn), np.concatenate(claimed)
     answers = np.asarray(space.classify(q))
@@ -198,8 +198,8 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
     space, dim = case.space, case.space.grid.dim
     if not _has_geometry(case):
         return
-    places = rng.uniform(space.grid.lower, space.grid.upper, (10 * WALKS, dim))
-    first = np.concatenate([places, rotations_of(space, len(places), rng)], axis=1)
+    positions = rng.uniform(space.grid.lower, space.grid.upper, (10 * WALKS, dim))
+    first = np.concatenate([positions, rotations_of(space, len(positions), rng)], axis=1)
     first = first[np.asarray(space.is_free(first, exact=True))][:WALKS]
     last = first.copy()
     for _ in range(STEPS if len(first) else 0):
@@ -257,11 +257,11 @@ def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
     for size in GROUP_SIZES:
         groups = q.reshape(len(q), -1, size, q.shape[2])
         near = open_.reshape(groups.shape[:3]).any(axis=2)
-        members, middles = groups[near], groups[near][:, size // 2]
-        apart = members - middles[:, None]
+        members, centers = groups[near], groups[near][:, size // 2]
+        apart = members - centers[:, None]
         # A point moves at most by twice its radius times the length of the quaternion's path.
         moved = np.linalg.norm(apart[..., :dim], axis=-1) + 2.0 * case.reach * np.abs(apart[..., dim:]).sum(axis=-1)
-        near[near] = case.meets(middles, moved.max(axis=1) + case.space.margin + 1e-6)
+        near[near] = case.meets(centers, moved.max(axis=1) + case.space.margin + 1e-6)
         open_ = np.repeat(near, size, axis=1)
     wrong[open_], undecided[open_] = not_free(case, q[open_])
     return wrong, undecided
@@ -274,8 +274,8 @@ def _anywhere(case: Case, number: int, share: float, rng: Rng) -> Floats:
     """Draw configurations in and around the grid."""
     space, grid = case.space, case.space.grid
     reach = share * (case.reach + space.margin + grid.spacing)
-    places = rng.uniform(np.subtract(grid.lower, reach), np.add(grid.upper, reach), (number, grid.dim))
-    return np.concatenate([places, rotations_of(space, number, rng)], axis=1)
+    positions = rng.uniform(np.subtract(grid.lower, reach), np.add(grid.upper, reach), (number, grid.dim))
+    return np.concatenate([positions, rotations_of(space, number, rng)], axis=1)
 
 
 def _moved_by(space: CSpace, q: Floats, steps: Floats, sizes: tuple[float, ...], rng: Rng) -> Floats:
@@ -294,13 +294,15 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
     snapped = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
     if space.rotations.names:
-        borders = np.asarray(space.rotations.borders)
-        border = rng.choice(borders, (len(q), 3 if len(space.rotations.names) == 4 else 1))
-        border += away * rng.choice([-1.0, 0.0, 1.0], border.shape) * 10.0 ** rng.uniform(-12.0, -3.0, border.shape)
+        boundaries = np.asarray(space.rotations.borders)
+        boundary = rng.choice(boundaries, (len(q), 3 if len(space.rotations.names) == 4 else 1))
+        boundary += (
+            away * rng.choice([-1.0, 0.0, 1.0], boundary.shape) * 10.0 ** rng.uniform(-12.0, -3.0, boundary.shape)
+        )
         if len(space.rotations.names) == 4:  # some of the quotients are on a border
-            quotients = np.where(rng.random(border.shape) < 0.5, rng.uniform(-1.0, 1.0, border.shape), border)
-            border = _unit(rng.permuted(np.column_stack([quotients, np.ones(len(q))]), axis=1))
-        snapped[:, grid.dim :] = np.where(rng.random((len(q), 1)) < 0.5, q[:, grid.dim :], border)
+            quotients = np.where(rng.random(boundary.shape) < 0.5, rng.uniform(-1.0, 1.0, boundary.shape), boundary)
+            boundary = _unit(rng.permuted(np.column_stack([quotients, np.ones(len(q))]), axis=1))
+        snapped[:, grid.dim :] = np.where(rng.random((len(q), 1)) < 0.5, q[:, grid.dim :], boundary)
     return snapped
 
 
@@ -334,13 +336,13 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
 
 def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
     """Return a rotation in each cell, at parts (n, 3)."""
-    borders = np.asarray(space.rotations.borders)
+    boundaries = np.asarray(space.rotations.borders)
     if len(space.rotations.names) == 1:
-        return np.asarray(borders[cells] + part[:, 0] * (borders[cells + 1] - borders[cells]))[:, None]
-    n = len(borders) - 1
+        return np.asarray(boundaries[cells] + part[:, 0] * (boundaries[cells + 1] - boundaries[cells]))[:, None]
+    n = len(boundaries) - 1
     chart, *parts = np.unravel_index(cells, (4, n, n, n))
     first = np.stack(parts, axis=1)
-    quotients = borders[first] + part * (borders[first + 1] - borders[first])
+    quotients = boundaries[first] + part * (boundaries[first + 1] - boundaries[first])
     q = np.ones((len(cells), 4))
     q[np.arange(4) != chart[:, None]] = quotients.ravel()
     return _unit(q)
@@ -379,8 +381,8 @@ def _unit(q: Floats) -> Floats:
 
 def _within(rng: Rng, shape: tuple[int, ...]) -> Floats:
     """Draw positions in cells, half on borders."""
-    place = rng.choice([0.0, 1.0, np.nan], p=[0.25, 0.25, 0.5], size=shape)
-    return np.where(np.isnan(place), rng.random(shape), place)
+    position = rng.choice([0.0, 1.0, np.nan], p=[0.25, 0.25, 0.5], size=shape)
+    return np.where(np.isnan(position), rng.random(shape), position)
 
 
 def _state_changes(state: States, dim: int) -> Bools:

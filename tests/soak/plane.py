@@ -268,18 +268,18 @@ def _polygons(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
     extent = spacing * rng.uniform(3.0, 60.0, 2)
     shapes: list[Any] = []
     for _ in range(rng.integers(1, 9)):
-        middle = corner + rng.uniform(-0.1, 1.1, 2) * extent
+        center = corner + rng.uniform(-0.1, 1.1, 2) * extent
         reach = spacing * rng.choice([0.3, 3.0, 15.0]) * rng.uniform(0.3, 1.5)
         style = rng.choice(["star", "box", "holed", "line", "point"], p=[0.4, 0.25, 0.2, 0.1, 0.05])
         if style in ("star", "holed"):
-            shapes.append(star(rng, middle, reach, hole=style == "holed"))
+            shapes.append(star(rng, center, reach, hole=style == "holed"))
         elif style == "box":
-            low = corner + scale.place((middle - corner) / spacing)
+            low = corner + scale.place((center - corner) / spacing)
             shapes.append(shapely.box(*low, *(low + scale.lengths(rng.uniform(1, 12, 2)))))
         elif style == "line":
-            shapes.append(shapely.LineString(middle + reach * rng.uniform(-1, 1, (3, 2))))
+            shapes.append(shapely.LineString(center + reach * rng.uniform(-1, 1, (3, 2))))
         else:
-            shapes.append(shapely.Point(middle))
+            shapes.append(shapely.Point(center))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # obstacles may be tiny, or outside the bounds
         workspace = Workspace.from_polygons(shapes, spacing, bounds=(*corner, *(corner + extent)))
@@ -344,11 +344,13 @@ def _parts(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     middle = scale.center(rng, size, 2)
     parts = []
     for _ in range(rng.integers(2, 5)):
-        place = middle + scale.place(rng.uniform(-size, size, 2))
+        position = middle + scale.place(rng.uniform(-size, size, 2))
         if rng.random() < 0.5:
-            parts.append(star(rng, place, scale.spacing * size * rng.uniform(0.1, 0.5), hole=bool(rng.random() < 0.5)))
+            parts.append(
+                star(rng, position, scale.spacing * size * rng.uniform(0.1, 0.5), hole=bool(rng.random() < 0.5))
+            )
         else:
-            parts.append(shapely.box(*place, *(place + scale.lengths(rng.uniform(0.1, 0.8, 2) * size))))
+            parts.append(shapely.box(*position, *(position + scale.lengths(rng.uniform(0.1, 0.8, 2) * size))))
     return _of_polygons(parts)
 
 

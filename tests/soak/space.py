@@ -265,9 +265,9 @@ def _bounds(rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floa
 
 def _mesh(name: str, rng: Rng, scale: Scale, cut: bool) -> DrawnWorkspace:
     corner, extent = scale.corner(rng, 3), scale.spacing * rng.uniform(3.0, 28.0, 3)
-    middle = corner + scale.place(rng.uniform(0.0, 1.0, 3) * extent / scale.spacing)
+    center = corner + scale.place(rng.uniform(0.0, 1.0, 3) * extent / scale.spacing)
     reach = scale.spacing * float(rng.choice([0.6, 3.0, 8.0])) * float(rng.uniform(0.5, 1.3))
-    mesh, exact = MESHES[name](rng, middle, reach, scale)
+    mesh, exact = MESHES[name](rng, center, reach, scale)
     bounds = _bounds(rng, exact, scale.spacing, corner, extent, cut)
     return Workspace.from_mesh(mesh, scale.spacing, bounds), exact
 

@@ -85,10 +85,10 @@ def test_tail_bounds_the_energy_outside_the_band() -> None:
         rough = Spectrum.of(balls, balls.center, rings, accuracy, (norm[0], 0.125))
         assert rough.error >= 2.0 * accuracy * 0.99 * float(np.abs(best.values[0]))
         moduli, less = np.abs(rough.values), rings.twice / 9.0
-        least = float((less * np.maximum(moduli - rough.error, 0.0) ** 2).sum())
+        smallest = float((less * np.maximum(moduli - rough.error, 0.0) ** 2).sum())
         assert rough.tail >= best.tail + 0.125
         assert rough.tail >= norm[0] - float((less * moduli**2).sum()) + 0.125
-        assert rough.tail <= norm[0] - least + 0.125 + 4.0 * rough.error**2 * len(rings.indices)
+        assert rough.tail <= norm[0] - smallest + 0.125 + 4.0 * rough.error**2 * len(rings.indices)
     far = BallDescriptor(balls.centers + 1e6, balls.radii)
     assert Spectrum.of(far, far.center, rings, 1e-12, norm).error > 100.0 * best.error
 

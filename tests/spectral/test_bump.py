@@ -53,8 +53,8 @@ def reference(alpha, dim, k):
         steps = np.unique(np.concatenate([steps, 1.0 - 0.5 ** np.arange(1, 20)]))
     options = {"epsabs": 1e-16, "epsrel": 1e-13, "limit": 200}
     outer = sum(integrate.quad(direct, a, b, **options)[0] for a, b in itertools.pairwise(steps))
-    borders = np.linspace(-math.log(0.1), 60.0, 40)
-    inner = sum(integrate.quad(in_log, a, b, **options)[0] for a, b in itertools.pairwise(borders))
+    boundaries = np.linspace(-math.log(0.1), 60.0, 40)
+    inner = sum(integrate.quad(in_log, a, b, **options)[0] for a, b in itertools.pairwise(boundaries))
     return surface * (inner + outer)
 
 
@@ -87,11 +87,11 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
     else:
         # Use many more nodes than the rule under test.
         nodes, weights = np.polynomial.legendre.leggauss(20)
-        borders = np.unique(
+        boundaries = np.unique(
             np.concatenate([0.5 ** np.arange(60.0), 1.0 - 0.5 ** np.arange(1.0, 30.0), np.linspace(0, 1, 1500)])
         )
-        s = (borders[:-1, None] + np.diff(borders)[:, None] * (0.5 + 0.5 * nodes)).ravel()
-        w = (np.diff(borders)[:, None] * 0.5 * weights).ravel()
+        s = (boundaries[:-1, None] + np.diff(boundaries)[:, None] * (0.5 + 0.5 * nodes)).ravel()
+        w = (np.diff(boundaries)[:, None] * 0.5 * weights).ravel()
         values = np.array([plain(each, alpha) for each in s]) * s * w
         expected = [2.0 * math.pi * float(values @ j0(2.0 * math.pi * each * s)) for each in k]
     spectrum = Bump(alpha).radial_spectrum(k, dim)
@@ -145,9 +145,9 @@ def lens_by_quadrature(a, b, distance, dim):
 
     This avoids cancellation.
     """
-    middle = (distance**2 + a**2 - b**2) / (2.0 * distance)
+    center = (distance**2 + a**2 - b**2) / (2.0 * distance)
     total = 0.0
-    for radius, height in ((a, a - middle), (b, b - (distance - middle))):
+    for radius, height in ((a, a - center), (b, b - (distance - center))):
         slices = {
             2: lambda t, r=radius: 2.0 * math.sqrt(t * (2.0 * r - t)),
             3: lambda t, r=radius: math.pi * t * (2.0 * r - t),
@@ -183,9 +183,9 @@ def test_thin_lenses_keep_their_relative_accuracy(depth):
 def test_pair_integral_agrees_with_the_inverse_transform(alpha, a, b, dim):
     bump = Bump(alpha)
     nodes, weights = np.polynomial.legendre.leggauss(16)
-    borders = np.linspace(0.0, 40.0 / a, math.ceil(120 / a))
-    k = (borders[:-1, None] + np.diff(borders)[:, None] * (0.5 + 0.5 * nodes)).ravel()
-    w = (0.5 * np.diff(borders)[:, None] * weights).ravel()
+    boundaries = np.linspace(0.0, 40.0 / a, math.ceil(120 / a))
+    k = (boundaries[:-1, None] + np.diff(boundaries)[:, None] * (0.5 + 0.5 * nodes)).ravel()
+    w = (0.5 * np.diff(boundaries)[:, None] * weights).ravel()
     spectrum = (a * b) ** dim * bump.table(dim, 41.0, 1e-13)(a * k) * bump.table(dim, 111.0, 1e-13)(b * k)
     size = bump.pair_integral(a, b, 0.0, dim)
     for distance in (0.0, 0.05, 0.4, b - a, 0.9, 0.97 * (a + b)):

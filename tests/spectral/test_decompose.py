@@ -277,18 +277,18 @@ def test_area_bounds_hold_for_nearly_touching_discs():
     for _ in range(30):
         u = np.exp(1j * rng.uniform(0.0, 6.28))
         one, two, three = rng.uniform(0.3, 3.0, 3)
-        middle = complex(*rng.uniform(-5.0, 5.0, 2))
+        center = complex(*rng.uniform(-5.0, 5.0, 2))
         gap = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-17.0, -13.0)
-        beside = middle + u * (one + rng.choice([-1.0, 1.0]) * two + gap)
+        beside = center + u * (one + rng.choice([-1.0, 1.0]) * two + gap)
         # The boundary of the third disc passes through the point of contact.
-        through = middle + u * one + three * np.exp(1j * rng.uniform(0.0, 6.28))
-        centers = np.array([[p.real, p.imag] for p in (middle, beside, through)])
+        through = center + u * one + three * np.exp(1j * rng.uniform(0.0, 6.28))
+        centers = np.array([[p.real, p.imag] for p in (center, beside, through)])
         radii = np.array([one, two, three])
         change = 3e-13
         less, same, more = (bound_ball_measure(centers, radii * (1.0 + s * change)) for s in (-1.0, 0.0, 1.0))
-        border = 2.0 * np.pi * float((radii**2).sum()) * change
+        boundary = 2.0 * np.pi * float((radii**2).sum()) * change
         assert less[0] <= same[1] and same[0] <= more[1]
-        assert same[0] - border <= less[1] and more[0] <= same[1] + border
+        assert same[0] - boundary <= less[1] and more[0] <= same[1] + boundary
         assert same[1] - same[0] <= 1e-4 * same[0]
 
 

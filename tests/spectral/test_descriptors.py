@@ -36,9 +36,9 @@ def on_grid(values, lower=0.0, spacing=0.5):
 def brute_sum(f, g):
     """Add products of pairs at sums of indices."""
     shape = np.add(f.shape, g.shape) - 1
-    places = np.add.outer(*(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g)))
+    positions = np.add.outer(*(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g)))
     products = np.multiply.outer(f.ravel(), g.ravel())
-    return np.bincount(places.ravel(), products.ravel(), np.prod(shape)).reshape(shape)
+    return np.bincount(positions.ravel(), products.ravel(), np.prod(shape)).reshape(shape)
 
 
 def dilate(f, g):

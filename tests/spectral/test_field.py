@@ -97,8 +97,8 @@ def test_field_is_linear_between_cell_centers(case: tuple[CSpace, FourierOverlap
     stack = field.values.reshape(-1, *space.grid.shape)
     axes = [space.grid.centers(axis) for axis in range(dim)]
     numbers = space.rotations.cell_of(q[:, 2]) if space.rotations.names else np.zeros(200, dtype=int)
-    places = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
-    expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, places, strict=True)]
+    positions = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
+    expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, positions, strict=True)]
     assert field.at(q) == pytest.approx(np.maximum(expected, 0.0), abs=1e-12)
     check = field.checker()
     assert [check(*row) for row in q] == field.at(q).tolist()

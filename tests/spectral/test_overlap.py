@@ -135,10 +135,10 @@ def test_gradient_agrees_with_finite_differences(dim: int) -> None:
     assert gradients == pytest.approx(np.array(slopes), abs=1e-6 * np.abs(gradients).max())
     assert overlap.gradient(ts) == pytest.approx(gradients, abs=1e-7 * np.abs(gradients).max())
     assert np.abs(gradients).max() > 1e-3
-    for places in (ts, ts[0]):
-        value, gradient = overlap.value_and_gradient(places)
-        assert value == pytest.approx(overlap.value(places), abs=1e-8 * np.abs(overlap.value(ts)).max())
-        assert gradient == pytest.approx(overlap.gradient(places), abs=1e-7 * np.abs(gradients).max())
+    for positions in (ts, ts[0]):
+        value, gradient = overlap.value_and_gradient(positions)
+        assert value == pytest.approx(overlap.value(positions), abs=1e-8 * np.abs(overlap.value(ts)).max())
+        assert gradient == pytest.approx(overlap.gradient(positions), abs=1e-7 * np.abs(gradients).max())
 
 
 @pytest.mark.parametrize("dim", DIMS)
@@ -228,10 +228,10 @@ def covered(shape: Any, side: float) -> tuple[Any, Any]:
     lower, upper = np.array(shape.bounds[:2]) - side, np.array(shape.bounds[2:]) + side
     axes = (np.arange(low, high, side) for low, high in zip(lower, upper, strict=True))
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    places = shapely.points(points)
-    outer = points[shapely.distance(places, shape) <= 0.708 * side]
-    inside = shapely.contains(shape, places)
-    far = shapely.distance(places[inside], shape.boundary)
+    positions = shapely.points(points)
+    outer = points[shapely.distance(positions, shape) <= 0.708 * side]
+    inside = shapely.contains(shape, positions)
+    far = shapely.distance(positions[inside], shape.boundary)
     return (outer, np.full(len(outer), 0.708 * side)), (points[inside][far > side], far[far > side] * (1.0 - 1e-9))
 
 

@@ -112,8 +112,8 @@ def check_bounds(first, second, points):
         for ring in (part.exterior, *part.interiors):
             corners = exact_ring(ring)[:-1]
             for k, corner in enumerate(corners):
-                middle = tuple((x + y) / 2 for x, y in zip(corner, corners[k - 1], strict=True))
-                assert is_sum(corner, first, second) and is_sum(middle, first, second)
+                center = tuple((x + y) / 2 for x, y in zip(corner, corners[k - 1], strict=True))
+                assert is_sum(corner, first, second) and is_sum(center, first, second)
     # The two bounds are close to each other.
     far = max(abs(float(x)) for x in outer.bounds)
     assert outer.area - inner.area <= 4e-9 * far * (outer.length + 1.0)
@@ -172,9 +172,13 @@ def test_holes_remain_unless_filled():
 
 
 def test_coordinates_may_be_large():
-    place = shapely.affinity.translate(shapely.box(0, 0, 2, 1), 500_000.1, 5_200_000.7)
-    inner, outer = minkowski_sum(place, shapely.Point(0, 0).buffer(0.4))
-    assert outer.covers(place.buffer(0.3)) and place.buffer(0.41).covers(outer) and inner.covers(place.buffer(0.39))
+    rectangle = shapely.affinity.translate(shapely.box(0, 0, 2, 1), 500_000.1, 5_200_000.7)
+    inner, outer = minkowski_sum(rectangle, shapely.Point(0, 0).buffer(0.4))
+    assert (
+        outer.covers(rectangle.buffer(0.3))
+        and rectangle.buffer(0.41).covers(outer)
+        and inner.covers(rectangle.buffer(0.39))
+    )
 
 
 @refusals(

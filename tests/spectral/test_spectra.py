@@ -39,14 +39,14 @@ def scene(dim, number, classes, seed=0, size=1.0):
 def lattice(lengths, counts, number=50, seed=1):
     """Draw positions in a spectrum, and their frequencies."""
     rng = np.random.default_rng(seed)
-    places = np.concatenate(
+    positions = np.concatenate(
         [
             rng.integers(0, counts, (number, len(counts))),
             list(itertools.product(*((0, m // 2, (m - 1) // 2, m - 1) for m in counts))),
         ]
     )
-    k = np.stack([np.fft.fftfreq(m, 1.0 / m)[places[:, a]] for a, m in enumerate(counts)], axis=1)
-    return tuple(places.T), k / lengths
+    k = np.stack([np.fft.fftfreq(m, 1.0 / m)[positions[:, a]] for a, m in enumerate(counts)], axis=1)
+    return tuple(positions.T), k / lengths
 
 
 @pytest.mark.parametrize("bump", BUMPS, ids=str)
@@ -57,10 +57,10 @@ def test_ball_spectrum_agrees_with_the_direct_sum(bump, tolerance, number, class
     centers, radii = scene(len(counts), number, classes)
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     assert spectrum.shape == counts
-    place, frequencies = lattice(lengths, counts)
+    position, frequencies = lattice(lengths, counts)
     expected = direct(centers, radii, bump, frequencies)
     whole = float(bump.radial_spectrum(0.0, len(counts)) * (radii ** len(counts)).sum())
-    assert np.abs(spectrum[place] - expected).max() <= tolerance * whole
+    assert np.abs(spectrum[position] - expected).max() <= tolerance * whole
     assert spectrum[(0,) * len(counts)] == pytest.approx(whole, rel=tolerance)
 
 
@@ -69,15 +69,15 @@ def test_ball_spectrum_agrees_with_the_direct_sum(bump, tolerance, number, class
 @pytest.mark.parametrize(("counts", "lengths"), [((40, 33), (2.7, 4.1)), ((14, 17, 10), (2.9, 3.0, 2.7))])
 def test_radius_basis_replaces_a_thousand_radii(bump, tolerance, counts, lengths):
     centers, radii = scene(len(counts), 1000, 100_000)
-    place, frequencies = lattice(lengths, counts, number=5)
-    most = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
-    moduli = np.linspace(0.0, most, 9)
+    position, frequencies = lattice(lengths, counts, number=5)
+    largest = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
+    moduli = np.linspace(0.0, largest, 9)
     basis = radius_basis(bump, radii, moduli, len(counts), tolerance, alone={2: 30.0, 3: 15.0}[len(counts)])
     assert basis is not None and len(list(basis)) < 30
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     expected = direct(centers, radii, bump, frequencies)
     whole = spectrum[(0,) * len(counts)].real
-    assert np.abs(spectrum[place] - expected).max() <= tolerance * whole
+    assert np.abs(spectrum[position] - expected).max() <= tolerance * whole
     assert radius_basis(bump, radii, moduli, len(counts), tolerance, alone=2.0) is None
 
 
@@ -90,9 +90,9 @@ def test_spectra_are_hermitian_additive_and_shift_by_phases(dim, seed):
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts)
     size = 1e-8 * spectrum.flat[0].real
     # The spectrum of a real function is Hermitian; the Nyquist frequency of an even count has no partner.
-    place = np.ix_(*(np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) for m in counts))
+    position = np.ix_(*(np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) for m in counts))
     partner = np.ix_(*(-np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) % m for m in counts))
-    np.testing.assert_allclose(spectrum[place], spectrum[partner].conj(), atol=size)
+    np.testing.assert_allclose(spectrum[position], spectrum[partner].conj(), atol=size)
     # A translation multiplies by a phase, which is 1 for a whole period.
     shift = rng.uniform(-3, 3, dim)
     axes = [np.fft.fftfreq(m, 1.0 / m) / length for m, length in zip(counts, lengths, strict=True)]

@@ -82,10 +82,10 @@ def test_a_store_of_tiles_that_is_updated_opens_as_the_old_or_the_new_one(tmp_pa
 
 
 def test_a_map_that_is_missing_is_refused_at_once(tmp_path: Path) -> None:
-    began = time.process_time()
+    start = time.process_time()
     with pytest.raises(FileError, match="does not exist"):
         cspace.open(tmp_path / "map.zarr")
-    assert time.process_time() - began < 1.0
+    assert time.process_time() - start < 1.0
 
 
 def test_a_reader_waits_while_a_map_is_between_two_names(tmp_path: Path) -> None:

@@ -413,11 +413,11 @@ def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
         "mixed": cspace.MIXED,
         "blocked": cspace.BLOCKED,
     }
-    places = np.stack(np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1)
+    positions = np.stack(np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1)
     rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[len(space.rotations.names)]
     every = dataset.cell_states.values.reshape(-1, *space.grid.shape)
     for turn, states in zip(np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True):
-        q = np.concatenate([places, np.broadcast_to(turn, (*places.shape[:-1], len(turn)))], axis=-1)
+        q = np.concatenate([positions, np.broadcast_to(turn, (*positions.shape[:-1], len(turn)))], axis=-1)
         np.testing.assert_array_equal(states, space.classify(q))
     with pytest.raises(ValueError, match="read-only"):
         dataset.cell_states.values[...] = 0

@@ -51,8 +51,8 @@ def test_links_follow_the_joints(shown: Any) -> None:
     for name, q in (("robot", (0.3, 0.7)), ("start", START), ("goal", GOAL)):
         viewer.page.move(np.array([0.3, 0.7]))
         elbow = np.array([math.cos(q[0]), math.sin(q[0]), 0.0])
-        middle = elbow + 0.5 * np.array([math.cos(sum(q)), math.sin(sum(q)), 0.0])
-        np.testing.assert_allclose(corners(node(viewer, f"/{name}/fore")).mean(axis=0), middle, atol=1e-6)
+        center = elbow + 0.5 * np.array([math.cos(sum(q)), math.sin(sum(q)), 0.0])
+        np.testing.assert_allclose(corners(node(viewer, f"/{name}/fore")).mean(axis=0), center, atol=1e-6)
     assert node(viewer, "/robot/foot")
     assert not node(viewer, "/goal/foot")  # the fixed foot is drawn once
     np.testing.assert_allclose(np.ptp(corners(node(viewer, "/obstacles/post")), axis=0), (0.2, 0.2, 1.0), atol=0.01)
@@ -88,9 +88,9 @@ def test_page_shows_plans_and_proofs(shown: Any) -> None:
     ahead = viewer.canvas.robot
     assert min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3  # between the endpoints
     tip_positions = np.asarray(node(viewer, "/path").points)
-    for place, q in ((tip_positions[0, 0], START), (tip_positions[-1, 1], GOAL)):
+    for position, q in ((tip_positions[0, 0], START), (tip_positions[-1, 1], GOAL)):
         viewer.page.move(np.array(q))
-        np.testing.assert_allclose(corners(node(viewer, "/robot/fore")).mean(axis=0), place, atol=1e-6)
+        np.testing.assert_allclose(corners(node(viewer, "/robot/fore")).mean(axis=0), position, atol=1e-6)
     page.mark("goal", np.array([-0.3, 0.4]))
     assert page.wait(60.0)
     assert page.panel.proof.content == "**The straight motion is free: proven.**"

@@ -155,8 +155,8 @@ def test_page_loads_nothing_from_other_hosts(browser: Any, flat: tuple[cspace.CS
     asked = browser.execute_script("return performance.getEntries().map(entry => entry.name)")
     assert asked
     assert all(name.startswith((flat[1].url, "blob:" + flat[1].url)) for name in asked if "://" in name)
-    said = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
-    assert not said
+    errors = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    assert not errors
 
 
 def test_page_of_an_arm_moves_and_plans(browser: Any, tmp_path: Path) -> None:

@@ -39,5 +39,5 @@ def test_angles_rotate_about_fixed_axes(degrees: tuple[float, ...], point: objec
 def test_yaw_robot_keeps_only_the_yaw_of_a_pose() -> None:
     poses = Poses(3, Rotations.of(8))
     tilted = Poses(3, Rotations.quaternions(1)).configuration_of((1.0, 2.0, 3.0), (20.0, 10.0, 30.0))
-    place, wxyz = Poses(3, Rotations.quaternions(1)).pose(tilted)
-    np.testing.assert_allclose(poses.degrees(poses.nearest_configuration(place, wxyz)), [30.0], atol=1e-6)
+    position, wxyz = Poses(3, Rotations.quaternions(1)).pose(tilted)
+    np.testing.assert_allclose(poses.degrees(poses.nearest_configuration(position, wxyz)), [30.0], atol=1e-6)

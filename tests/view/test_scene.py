@@ -22,9 +22,9 @@ def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
         low, high = one.min(axis=0), one.max(axis=0)
         high[axis] += 1
         unit_squares += [
-            (int(axis), int(np.sign(normal[axis])), *place)
-            for place in np.ndindex(*(high - low))
-            for place in [tuple((low + place).tolist())]
+            (int(axis), int(np.sign(normal[axis])), *position)
+            for position in np.ndindex(*(high - low))
+            for position in [tuple((low + position).tolist())]
         ]
     return unit_squares
 
@@ -40,9 +40,9 @@ def brute(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, .
                 inside = 0 <= other[axis] < solid.shape[axis]
                 if solid[tuple(other)] if inside else not (has_boundary and (lid or (axis, way) != (2, 1))):
                     continue
-                place = cell.copy()
-                place[axis] += way > 0
-                faces.append((axis, way, *place.tolist()))
+                position = cell.copy()
+                position[axis] += way > 0
+                faces.append((axis, way, *position.tolist()))
     return faces
 
 

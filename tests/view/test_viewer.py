@@ -80,14 +80,14 @@ def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
 def test_near_camera_shows_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     canvas = viewer[1].canvas
     monkeypatch.setattr(canvas.cells, "side", 4)
-    middle = (canvas.stage.lower + canvas.stage.upper) / 2
-    near, far = (np.add(middle, (0.0, 0.0, distance)) for distance in (0.6, 1e5))
+    center = (canvas.stage.lower + canvas.stage.upper) / 2
+    near, far = (np.add(center, (0.0, 0.0, distance)) for distance in (0.6, 1e5))
     canvas.invalidate()
-    assert canvas.update_view(middle, near, 0.7, 1.0)
-    assert not canvas.update_view(middle, near, 0.7, 1.0)
+    assert canvas.update_view(center, near, 0.7, 1.0)
+    assert not canvas.update_view(center, near, 0.7, 1.0)
     canvas.draw()
     assert node(viewer[1], "/section/part")
-    assert canvas.update_view(middle, far, 0.7, 1.0)
+    assert canvas.update_view(center, far, 0.7, 1.0)
     canvas.draw()
     assert not node(viewer[1], "/section/part")
 
@@ -303,9 +303,9 @@ def test_trajectories_are_played_at_true_speed(monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(viewer.page, "go", lambda share: frames.append((time.perf_counter(), share)))
         viewer.page.play()
         until(lambda: frames and frames[-1][1] == 1.0)
-        (began, first), (ended, last) = frames[0], frames[-1]
-        assert ended - began >= 0.99 * (last - first) * trajectory.duration
-        assert ended - began < 4.0  # a path without times takes 8 s
+        (start, first), (ended, last) = frames[0], frames[-1]
+        assert ended - start >= 0.99 * (last - first) * trajectory.duration
+        assert ended - start < 4.0  # a path without times takes 8 s
         viewer.page._show_path(plan.path)
         viewer.page.panel.share.value = 0.0
         monkeypatch.undo()
