@@ -1,6 +1,6 @@
 """Clearance: proven distances to the nearest configuration that is not FREE.
 
-The search uses the marks of :mod:`cspace.map.mip` and keeps no data of its own. It proceeds from the configuration
+The search uses the marks of :mod:`cspace.map.mip` and keeps no data. It proceeds from the configuration
 outwards, first over large blocks of cells. It opens only marked blocks that are nearer than the nearest cell so far.
 Positions are in cells along three axes; the plane is space with one layer of cells.
 
@@ -444,9 +444,8 @@ def near_window(
 ) -> np.uint64:
     """Return bits of a word that may be near enough.
 
-    They may be nearer than the square root of ``best``.
-
-    ``other_y`` and ``other_z`` are lower bounds of what the other axes add to squared distances along y and along z.
+    They may be nearer than the square root of ``best``. ``other_y`` and ``other_z`` are lower bounds of what the other
+    axes add to squared distances along y and along z.
     """
     low_y, high_y = near_range(position[1], size, first_y, best, other_y)
     low_z, high_z = near_range(position[2], size, first_z, best, other_z)

@@ -250,7 +250,7 @@ def disjoint_run_ends(word: np.uint64, other: np.uint64) -> np.uint64:
 def label_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes, components: int) -> int:
     """Label the runs of a row from two neighbors.
 
-    Return the number of components. A missing neighbor row is given as the row itself. A run that touches no earlier
+    Return the number of components. A row without a neighbor row is its own neighbor. A run that touches no earlier
     run starts a component; if it touches several, union-find merges them.
     """
     words, bounds, numbers, _ = labels
@@ -306,8 +306,8 @@ def label_blocks(blocks: Blocks, segments: Ints, starts: Ints, labels: Labels, p
                     and count > 0
                     and disjoint_run_ends(word, other) == 0
                 )
-                # If each run touches exactly one run of the row before, and touches them all, the components are those
-                # of that row, and they are copied.
+                # If each run touches exactly one run of the row before, and touches them all, copy the components
+                # of that row.
                 if same_runs and count > 1:
                     same_runs = (
                         count_runs(word) == count
@@ -426,7 +426,7 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
     """Replace each node by the lowest of its component.
 
     Return the number of deleted faces. ``roots`` are all nodes, in order; ``base`` is as in :class:`GlobalLabels`.
-    Faces before index ``fresh`` are deleted if one of their blocks has ``changed``; later faces are new. ``starts``,
+    Faces before index ``fresh`` are deleted if either block has ``changed``; later faces are new. ``starts``,
     shape (m, 2), and ``bounds``, shape (k + 1,), have the first nodes of the copies that each group joins.
     """
     rows, pairs = faces
@@ -541,7 +541,7 @@ class Components:
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell, or -1.
 
-        Components are those of FREE cells, or if ``mixed`` those of FREE and MIXED cells. Cells are ``(rotation, x,
+        Components join FREE cells, or FREE and MIXED cells if ``mixed``. Cells are ``(rotation, x,
         y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). Within a FREE component a collision-free path exists;
         between two components of FREE and MIXED cells none does. A cell outside the grid counts as MIXED if any
         configuration there is not BLOCKED. Components keep their indices until the next change.
@@ -638,7 +638,7 @@ class PeriodicComponents(Components):
 def _join_across_seams(components: Ints) -> tuple[Ints, Ints]:
     """Merge components across seams; return components and their replacements.
 
-    ``components``, shape (2, n), are those of the cells on either side of the seams; -1 for none. Return the components
+    ``components``, shape (2, n), belong to the cells on either side of the seams; -1 for none. Return the components
     that touch a seam, ascending, and the lowest component joined to each.
     """
     seam_components, pairs = np.unique(components[:, (components >= 0).all(axis=0)], return_inverse=True)
@@ -652,10 +652,10 @@ class StateComponents:
     """Connected components of one kind of cells.
 
     There are two levels, so that a change reads few cells. Runs of cells are joined within each block. Union-find joins
-    the components of adjacent blocks over the whole map. Only contacts between blocks are kept; cell labels are
+    the components of adjacent blocks over the whole map. Contacts between blocks are cached; cell labels are
     computed again for each look-up.
 
-    If ``among`` gives block indices within a slice, only cells of those blocks are joined; whatever is joined then is
+    If ``among`` gives block indices within a slice, only cells of these blocks are joined; cells joined then are
     joined in the whole map too.
     """
 
@@ -757,9 +757,8 @@ class StateComponents:
     def _compute_box(self, component: int) -> Ints:
         """Compute the box around a component.
 
-        Only blocks that may widen it are labelled.
-
-        Random blocks come first, because they reach most of the box at once.
+        Only blocks that may widen it are labelled. Random blocks come first, because they reach most of the box at
+        once.
         """
         (deep, wide, _), base = self._blocks.shifts, self._global_labels().base
         ours, members = self._members(component)

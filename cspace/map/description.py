@@ -161,7 +161,7 @@ def describe_map(
 ) -> dict[str, Any]:
     """Return the metadata of every map.
 
-    ``lower`` and ``spacing`` are in metres; ``axes`` names the numbers of a configuration, and ``units`` are those of
+    ``lower`` and ``spacing`` are in metres; ``axes`` names the numbers of a configuration, and ``units`` the units of
     the cells; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
     """
     return {

@@ -52,10 +52,9 @@ def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Float
 def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
     """Return True if all cells near an edge are FREE.
 
-    They are the closed cells within SLACK of it.
-
-    Along an edge the position moves straight and the rotation takes the shortest arc. ``blocks`` are those of
-    :class:`cspace.map.mip.OccupancyBits`; if None, the walk over blocks is not compiled.
+    They are the closed cells within SLACK of it. Along an edge the position moves straight and the rotation takes the
+    shortest arc. ``blocks`` are those of :class:`cspace.map.mip.OccupancyBits`; if None, the walk over blocks is not
+    compiled.
     """
     cursor = map_.rotations.first_piece(q0, q1)
     while True:

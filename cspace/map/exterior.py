@@ -37,7 +37,7 @@ class Exterior:
     def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
         """Compute the exterior from outer cells and rasters.
 
-        ``rasters`` are those of each slice. ``policy`` is the space outside the workspace: "blocked", "free" or
+        ``rasters`` belong to the slices. ``policy`` is the space outside the workspace: "blocked", "free" or
         "unknown".
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)

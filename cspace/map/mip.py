@@ -53,9 +53,9 @@ class SpaceMarks(NamedTuple):
     cells : ndarray of uint64, shape (*number of blocks along each axis of (slices, x, y, z), layers)
         A bit for each cell; a word for each of the 8 layers of cells in a block. Empty until needed.
     blocks : ndarray of uint64, shape (*number of nodes, layers)
-        A bit for each block, in the same order: set if one of its cells is marked.
+        A bit for each block, in the same order: set if any cell of the block is marked.
     nodes : ndarray of uint64
-        A byte for each node, eight along the last axis in a word: non-zero if one of its blocks is marked.
+        A byte for each node, eight along the last axis in a word: non-zero if any block of the node is marked.
     """
 
     cells: Words
@@ -66,7 +66,7 @@ class SpaceMarks(NamedTuple):
 class PlaneMarks(NamedTuple):
     """Marks of non-FREE cells in the plane.
 
-    This is a type of its own so that no kernel is compiled for both.
+    This is a separate type so that no kernel is compiled for both.
 
     Attributes
     ----------
@@ -184,9 +184,7 @@ class OccupancyPyramid:
 def transpose_bits(word: np.uint64) -> np.uint64:
     """Transpose the bits of eight bytes.
 
-    Bit i of byte k becomes bit k of byte i.
-
-    Source: Warren, Hacker's Delight, 2012.
+    Bit i of byte k becomes bit k of byte i. Source: Warren, Hacker's Delight, 2012.
     """
     for shift, mask in ((7, 0x00AA00AA00AA00AA), (14, 0x0000CCCC0000CCCC), (28, 0x00000000F0F0F0F0)):
         swap = (word ^ (word >> np.uint64(shift))) & np.uint64(mask)
@@ -220,11 +218,9 @@ dispatch_on_type(mark_layer, {SpaceMarks: _mark_layer_in_space, PlaneMarks: _mar
 def mark_boxes(states: States, marks: OccupancyBits, scratch: tuple[States, Words, Words], boxes: Ints) -> None:
     """Mark the blocks that boxes touch.
 
-    See :class:`SpaceMarks`.
-
-    A box, shape (7,), has its slice, first cell and last cell, along three axes; it is empty if first > last. Each mark
-    is written once, cells first. Threads may take boxes that share no node. ``scratch`` has a row of blocks along z as
-    bytes, the same memory as words, and as many words again.
+    See :class:`SpaceMarks`. A box, shape (7,), has its slice, first cell and last cell, along three axes; it is empty
+    if first > last. Each mark is written once, cells first. Threads may take boxes that share no node. ``scratch`` has
+    a row of blocks along z as bytes, the same memory as words, and as many words again.
     """
     nx, ny, nz = states.shape[1], states.shape[2], states.shape[3]
     line, words, marked = scratch

@@ -62,7 +62,7 @@ class Runs(NamedTuple):
 
     @classmethod
     def of(cls, rasters: Sequence[Raster]) -> Runs:
-        """Those of rasters, one for each slice."""
+        """Extract the rows of rasters, one for each slice."""
         rows, owner = extract_runs(rasters)
         return cls(rows, np.searchsorted(owner, np.arange(len(rasters)), side="right"))
 

@@ -59,8 +59,8 @@ def in_time(check: Check, until: float) -> Check:
 def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:
     """Shorten a path by skipping waypoints.
 
-    Every edge of ``points``, shape (n, size), passes ``check``, which takes the coordinates of two configurations; the
-    first ``dim`` of them are a position. Before the second round, long edges get points ``step`` metres apart.
+    Every edge of ``points``, shape (n, size), passes ``check``, which takes the coordinates of two configurations. The
+    first ``dim`` coordinates are a position. Before the second round, long edges get points ``step`` metres apart.
     """
     size = points.shape[1]
 

@@ -1,8 +1,8 @@
 """Periodic axes of a map: angles of continuous joints.
 
-A map holds the cells of one period. Look-ups see them *unrolled*, with half a period more at either end. A
+A map holds the cells of one period. Queries see them *unrolled*, with half a period more at either end. A
 configuration is first wrapped into the center period, and an edge takes the shorter arc from there, so it touches no
-seam. Components are those of one period, joined across the seams.
+seam. Components of one period are joined across the seams.
 """
 
 from __future__ import annotations

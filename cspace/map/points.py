@@ -134,7 +134,7 @@ def compute_codes(map_: Map, coordinates: Floats, slices: Ints, cells: Ints, cod
         sizes = replaced(sizes, axis, float(shape[axis + 1]))
         first = replaced(first, axis, float(map_.exterior[0, axis]))
         last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
-    # ``rotates`` is known at compile time, so dead code is removed.
+    # ``rotates`` is a compile-time constant, so dead code is removed.
     exterior, rotates = np.uint8(map_.exterior[0, 2 * dim]), size > dim
     n_undecided = 0
     q = map_.lower + map_.rotations.zeros()
@@ -193,7 +193,7 @@ def classify_few(map_: Map, points: Floats, out: States) -> int:
 @jit
 def classify_many(map_: Map, points: Floats, out: States) -> int:
     """Write states block by block; see :func:`classify`."""
-    # The length of a tuple is known at compile time, which lets the compiler vectorize.
+    # The length of a tuple is a compile-time constant, which lets the compiler vectorize.
     size, coordinates, count = (
         len(map_.lower + map_.rotations.zeros()),
         points.reshape(-1),

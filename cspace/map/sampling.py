@@ -235,9 +235,7 @@ def axis_cost(cell: int, value: float, count: int, scale: float) -> float:
 def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale: float) -> tuple[int, float]:
     """Return the next cell by cost, and its cost.
 
-    At the end the cell is -1.
-
-    Cells from ``low + 1`` to before ``high`` are done.
+    At the end the cell is -1. Cells from ``low + 1`` to before ``high`` are done.
     """
     below = axis_cost(low[axis], value, count, scale) if low[axis] >= 0 else math.inf
     above = axis_cost(high[axis], value, count, scale) if high[axis] < count else math.inf
@@ -253,7 +251,7 @@ def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale
 def nearest(states: Stack, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
     """Return the nearest FREE cell's center, or None.
 
-    Half a metre counts as much as a radian. Distant cells are not read.
+    A radian counts as half a metre. Distant cells are not read.
     """
     dim = grid.dim
     position = np.full(3, 0.5)

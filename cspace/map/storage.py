@@ -163,9 +163,7 @@ def spread_pairs(word: np.uint64) -> np.uint64:
 def unshuffle(word: np.uint64) -> np.uint64:
     """Gather even bits in the low half of a word.
 
-    Odd bits go to its high half.
-
-    Source: Warren, Hacker's Delight, 2012.
+    Odd bits go to its high half. Source: Warren, Hacker's Delight, 2012.
     """
     for k in range(5):
         shift = np.uint64(1) << np.uint64(k)
@@ -190,9 +188,7 @@ def prefetch_cell(cells: Cells, index: int) -> None:
 def row_in(cells: Cells, index: int, count: int) -> WordPair:
     """Return masks of non-FREE and BLOCKED cells of a row.
 
-    ``count`` is at most 64.
-
-    Bits from ``count`` on are set.
+    ``count`` is at most 64. Bits from ``count`` on are set.
     """
     raise NotImplementedError
 

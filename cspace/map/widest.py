@@ -5,8 +5,8 @@ configurations is the highest level at which FREE cells of that level or above c
 shortest chain is searched. If the robot rotates, the heuristic is the length of the shortest chain over positions that
 are as wide at any rotation.
 
-If the start or the goal is itself the narrowest place, as beside a wall, every path is that narrow. So the path first
-climbs steeply from both, and the bottleneck is that of the two local maxima. The result is still among the widest
+If the start or the goal is the narrowest place, for example beside a wall, every path is that narrow. So the path first
+climbs steeply from both, and the bottleneck connects the two local maxima. The result is still among the widest
 paths.
 """
 

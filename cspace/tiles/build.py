@@ -119,9 +119,8 @@ def build_tile(job: Job, index: Index) -> None:
 def resolve_tile(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ...]:
     """Return the cells of a tile along each axis.
 
-    The grid and the size of a chunk limit them.
-
-    Raises InputError unless ``tile`` is a positive integer, or one for each axis.
+    The grid and the size of a chunk limit them. Raises InputError unless ``tile`` is a positive integer, or one for
+    each axis.
     """
     given = np.asarray(tile)
     if given.dtype.kind not in "iu" or given.shape not in ((), (len(shape),)) or (given < 1).any():

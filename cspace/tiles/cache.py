@@ -1,7 +1,7 @@
 """Queries of stored maps, with a cache of tiles.
 
 Kernels read cells by :func:`cspace.map.storage.state_in`. It returns FREE for a cell of a missing tile and marks the
-tile. The query loads marked tiles and runs again until none is marked. By then each cell was read from a loaded tile at
+tile. The query loads marked tiles and runs again until no tile is marked. Then each cell was read from a loaded tile at
 least once, and the result is the worst of all passes; so no missing tile makes a result FREE.
 """
 
@@ -163,9 +163,8 @@ class TileBackend:
     ) -> int:
         """Run a kernel until all its tiles were loaded.
 
-        Return the first bad row, or -1.
-
-        A result other than ``passed`` is final. The other rows run again, with some of the missing tiles loaded.
+        Return the first bad row, or -1. A result other than ``passed`` is final. The other rows run again, with some of
+        the missing tiles loaded.
         """
         cache, pending = self._cache, np.arange(len(out))
         cache.begin()

@@ -2,7 +2,7 @@
 
 A task labels the components of one tile over all rotation cells and stores the labels on its faces. Two labels that
 touch across a face common to two tiles belong to one component; the graph of these pairs gives the components of the
-map. As for maps in memory, the exterior is one more component for each rotation cell.
+map. The exterior is one more component for each rotation cell, like in maps in memory.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class TiledLabels:
                         other = upper_faces.pop((kind, across, before))
                         touch = (labels >= 0) & (other >= 0)
                         pairs[kind].append(_unique_pairs(other[touch] + offsets[before], labels[touch] + offset))
-        # The exterior's nodes follow those of all tiles, whose number is known only now.
+        # The exterior's nodes follow the nodes of all tiles, which are counted only now.
         exterior = self.offsets[OPEN_KIND][-1]
         pairs[OPEN_KIND] += [np.add(touching, (0, exterior)) for touching in exterior_pairs]
         if len(rotations) > 1:
@@ -220,11 +220,10 @@ class TiledLabels:
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """Return the shortest chain of tiles between cells.
 
-        Return its crossings too; it passes only FREE cells.
-
-        Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the map. The chain is empty if no FREE cells
-        connect them. The crossings, shape (len(tiles) - 1, 1 + d), are the first cell in each tile except the first
-        tile; a crossing is FREE, and so is the cell across the face, in the tile before.
+        Return its crossings too; it passes only FREE cells. Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``,
+        in the map. The chain is empty if no FREE cells connect them. The crossings, shape (len(tiles) - 1, 1 + d), are
+        the first cell in each tile except the first tile; a crossing is FREE, and so is the cell across the face, in
+        the tile before.
         """
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra
@@ -257,9 +256,8 @@ class TiledLabels:
     def _find_crossing(self, tile: Index, next_tile: Index, labels: list[int], start: Ints, goal: Ints) -> Ints:
         """Return the cell at which to cross a face.
 
-        It is in ``next_tile``, given the label on each side.
-
-        Minimizes the distance to ``start`` and ``goal`` over the cells far from the boundary of the common area.
+        It is in ``next_tile``, given the label on each side. Minimizes the distance to ``start`` and ``goal`` over the
+        cells far from the boundary of the common area.
         """
         from scipy.ndimage import distance_transform_edt
 

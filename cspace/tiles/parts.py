@@ -25,14 +25,13 @@ if TYPE_CHECKING:
 def extract_window(store: Store, known: RecordReader, table: Ints, start: Ints, stop: Ints) -> CSpace:
     """Return the cells [start, stop) as a map.
 
-    Return the whole map if they contain it.
-
-    ``known`` returns the record of a tile. ``table``, shape (slices, 2 d + 1), holds the states outside the whole map
-    (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the window exceeds the memory.
+    Return the whole map if they contain it. ``known`` returns the record of a tile. ``table``, shape (slices, 2 d + 1),
+    holds the states outside the whole map (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the window
+    exceeds the memory.
     """
     whole, outside = store.grid, str(store.metadata["outside"])
     if (start > 0).any() or (stop < whole.shape).any():
-        # The window's own cells hold the states just outside the map; beyond the window nothing is known.
+        # The window's own cells hold the states just outside the map; the rest is unknown.
         outside = UNKNOWN
     else:
         start, stop = np.zeros_like(start), np.array(whole.shape)
@@ -72,9 +71,7 @@ def _unknown_in(store: Store, box: Box) -> Bools | None:
 def _shapes_in(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
     """Return obstacles of a window as shapes, or None.
 
-    None means that the obstacles are only cells.
-
-    ``grid`` is the window's grid and ``box`` its cells in the map.
+    None means that the obstacles are only cells. ``grid`` is the window's grid and ``box`` its cells in the map.
     """
     sides = list(zip(box, store.grid.shape, strict=True))
     if store.shapes is None or all(part.start >= 0 and part.stop <= n for part, n in sides):

@@ -101,9 +101,8 @@ class TiledCSpace(ConfigurationMap):
     def _of_store(cls, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
         """Return the map of an open store.
 
-        All files are checked, except tiles.
-
-        Raises ConfigurationError if the map must be in memory, and FileError if a file is missing or damaged.
+        All files are checked, except tiles. Raises ConfigurationError if the map must be in memory, and FileError if a
+        file is missing or damaged.
         """
         if not cls._holds(store):
             content = "periodic axes" if "periodic_axes" in store.metadata else "overlap counts or an overlap field"
@@ -299,10 +298,8 @@ class TiledCSpace(ConfigurationMap):
     def overview(self, max_cells: int = 1024, client: Client | None = None) -> CSpace:
         """Return the whole map in coarse cells, in memory.
 
-        It serves plots and rough queries.
-
-        A coarse cell is FREE if all its cells are FREE, BLOCKED if all are BLOCKED, and else MIXED; so the overview is
-        certified like the map.
+        It serves plots and rough queries. A coarse cell is FREE if all its cells are FREE, BLOCKED if all are BLOCKED,
+        and else MIXED; so the overview is certified like the map.
 
         Parameters
         ----------

@@ -46,10 +46,8 @@ class PatchedSource:
 def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints) -> Update:
     """Apply a patch to a store atomically.
 
-    Readers see the map before or after it.
-
-    Raises InputError if the patch has inner cells and the store keeps only outer ones, and FileError if the store
-    cannot be read or written. An update that fails leaves the map unchanged.
+    Readers see the map before or after it. Raises InputError if the patch has inner cells and the store keeps only
+    outer ones, and FileError if the store cannot be read or written. An update that fails leaves the map unchanged.
     """
     if patch.inner is not patch.outer and store.metadata["same"]:
         rule = "its outer and inner cells are the same"

@@ -104,7 +104,7 @@ class Job:
         store, grid = self.store, self.store.grid
         sides = np.minimum(np.array(store.tile) + self.reach[1] - self.reach[0], grid.shape)
         states = store.depth * int(np.prod(store.tile))
-        # About eight slices stand for all of them.
+        # About eight slices represent all.
         sample = group_rasters(self.pairs[:: max(1, len(self.pairs) // 8)], store.proves_blocked is not False)
         engine = Correlation.create(store.metadata["method"], sample, "blocked", 1).engine
         return (
@@ -181,9 +181,8 @@ def run_tasks(
 ) -> list[Any]:
     """Run a task for each tile; return the results.
 
-    Tasks run in threads or on the workers of a cluster.
-
-    Raises InputError if a task exceeds the memory, CspaceError if the cluster fails, and any error of a task.
+    Tasks run in threads or on the workers of a cluster. Raises InputError if a task exceeds the memory, CspaceError if
+    the cluster fails, and any error of a task.
     """
     if not tiles:
         return []
