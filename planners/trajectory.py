@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from cspace.files.ros import JointTrajectory, Path
     from planners.result import Plan
 
+Limits = ArrayLike | Mapping[str, float] | None
+"""A limit: one number, or one for each axis."""
+
 MAX_DIRECTION_STEP: Final = {False: 1e-9, True: 1e-6}
 """Largest change of direction without a stop, by whether edges are curves: rounding on straight edges, and
 :data:`planners.car_curves.MAX_GAP` where curves meet."""
@@ -153,11 +156,10 @@ class Trajectory:
         """
         from cspace.plot.artists import legend_below, new_figure
 
-        segments, phases = self._segments, self._phases
-        ends = phases.speeds[:-1] + np.diff(phases.times) * phases.accelerations[:-1]
-        times = np.column_stack([phases.times[:-1], phases.times[1:]]).ravel()
-        speeds = np.column_stack([phases.speeds[:-1], ends]).ravel()
-        rates = speeds[:, np.newaxis] * np.repeat(segments.rates[phases.segments[:-1]], 2, axis=0)
+        phases, spans = self._phases, np.diff(self._phases.times)[:, np.newaxis] * [0.0, 1.0]
+        times = (phases.times[:-1, np.newaxis] + spans).ravel()
+        speeds = phases.speeds[:-1, np.newaxis] + spans * phases.accelerations[:-1, np.newaxis]
+        rates = np.repeat(self._segments.rates[phases.segments[:-1]], 2, axis=0) * speeds.reshape(-1, 1)
         names, units, curves = self.axes, self.units, list(rates.T)
         if not self._moves_joints:
             dim = len(self.axes) - len(self._rotations.names)
@@ -202,14 +204,8 @@ class Trajectory:
 
         Each row becomes a point with positions, velocities and ``time_from_start``. Controllers join such points by
         cubic polynomials, which are this very motion. With accelerations they would use quintic ones, which are not.
-
-        Parameters
-        ----------
-        msg : object, optional
-            A message to fill, of ROS 1 or 2: any object with the fields of ``trajectory_msgs/JointTrajectory``. A new
-            :class:`cspace.files.ros.JointTrajectory` if left out.
-        frame_id : str
-            Frame of the header, whose stamp is kept.
+        ``msg`` is any object with the fields of the message, of ROS 1 or 2; a new
+        :class:`cspace.files.ros.JointTrajectory` if left out. The stamp of its header is kept.
 
         Raises
         ------
@@ -246,8 +242,8 @@ def write_csv(
 
 def make_trajectory(
     plan: Plan,
-    velocity: ArrayLike | Mapping[str, float] | None,
-    acceleration: ArrayLike | Mapping[str, float],
+    velocity: Limits,
+    acceleration: Limits,
     rotation: Mapping[str, float | None],
     max_lateral_acceleration: float | None,
     duration: float | None,
@@ -274,8 +270,8 @@ def make_trajectory(
         if is_curved and limit.ndim:
             raise InputError(name, "differs by axis", "a car turns", "pass one number", value=limit)
     segments = _split_curves(plan) if is_curved else _split_edges(plan, rotations)
-    limits = (_largest_rates(segments.rates, dim, *each) for each in zip(linear, angular, strict=True))
-    speeds, accelerations = limits
+    speeds = _largest_rates(segments.rates, dim, linear[0], angular[0])
+    accelerations = _largest_rates(segments.rates, dim, linear[1], angular[1])
     if is_curved:
         with np.errstate(divide="ignore"):
             sideways = (linear[1] if lateral is None else lateral) / np.abs(segments.curvatures)
@@ -284,24 +280,16 @@ def make_trajectory(
     compared = dim if is_curved and angular[1] is None else None
     ends = _turn(segments.rates, segments.curvatures * segments.lengths)[:-1, :compared]
     jumps = np.abs(ends - segments.rates[1:, :compared]).max(axis=1, initial=0.0)
-    phases = _find_phases(segments.lengths, speeds, accelerations, jumps <= MAX_DIRECTION_STEP[is_curved])
-    phases = _stretch(phases, duration)
+    passes = jumps <= MAX_DIRECTION_STEP[is_curved]
+    phases = _stretch(_find_phases(segments.lengths, speeds, accelerations, passes), duration)
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
-    rows = _evaluate(segments, phases, rotations, times)
-    positions, velocities, accelerations = map(frozen, rows)
-    units = plan.units
-    return Trajectory(
-        frozen(times), positions, velocities, accelerations, axes, units, joints, rotations, segments, phases
-    )
+    rows = (times, *_evaluate(segments, phases, rotations, times))
+    times, positions, velocities, accelerations = map(frozen, rows)
+    private = joints, rotations, segments, phases
+    return Trajectory(times, positions, velocities, accelerations, axes, plan.units, *private)
 
 
-def _check_limits(
-    value: ArrayLike | Mapping[str, float] | None,
-    name: str,
-    axes: Sequence[str],
-    known: Mapping[str, float],
-    joints: bool,
-) -> Floats:
+def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool) -> Floats:
     """Return the limits of the axes, shape (k,), or of a whole translation, shape (); ``known`` are defaults."""
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
@@ -312,9 +300,8 @@ def _check_limits(
     limits = check_finite(value, name)
     if limits.shape not in ((), (len(axes),)):
         raise InputError(name, f"has shape {limits.shape}", rule, "pass e.g. 1.0", value=value)
-    limits = np.reshape(
-        [check_positive(limit, name, "metres, radians, seconds") for limit in limits.ravel().tolist()], limits.shape
-    )
+    for limit in limits.ravel().tolist():
+        check_positive(limit, name, "metres, radians, seconds")
     return np.broadcast_to(limits, len(axes)) if joints else limits
 
 
