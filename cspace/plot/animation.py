@@ -30,6 +30,8 @@ _PANEL_INCHES = 7.5
 """Longer side of each of the two panels, inches."""
 _FRAME_DPI = 72.0
 """Pixels per inch of the frames."""
+DEFAULT_SECONDS: Final = 6.0
+"""Duration of an animation of a path without times, seconds."""
 _MAX_FRAMES: Final = 1000
 _PALETTE_COLORS: Final = 96
 """Number of colours in an animation. Few colours keep the file small, and the pictures are flat."""
@@ -55,7 +57,7 @@ def animate(
     file: str | os.PathLike[str],
     overwrite: bool = False,
     *,
-    seconds: float = 6.0,
+    seconds: float | None = None,
     rate: float = 10.0,
     title: str | None = None,
     camera: ArrayLike | None = None,
@@ -65,19 +67,20 @@ def animate(
 
     In the plane, one panel shows the robot among the obstacles; the other shows its reference point in the slice of the
     map at its rotation. In space, and for an arm, one picture in three dimensions shows the robot among the obstacles.
-    The speed is constant: of the farthest point of a robot that rotates, or in the joints of an arm.
+    A :class:`planners.Trajectory` plays at true speed. Otherwise the speed is constant: of the farthest point of a
+    robot that rotates, or in the joints of an arm.
 
     Parameters
     ----------
     space : CSpace or ArmSpace
-    path : array-like, shape (n, size), or Plan
+    path : array-like, shape (n, size), Plan or Trajectory
         Configurations joined by straight edges, metres and radians; or an object with a ``path`` attribute.
     file : path-like
         A name that ends in .gif.
     overwrite : bool
         Replace an existing file.
-    seconds : float
-        Duration of the motion.
+    seconds : float, optional
+        Duration of the motion; by default that of a trajectory, and 6 without times.
     rate : float
         Frames per second, at most 50.
     title : str, optional
@@ -104,10 +107,15 @@ def animate(
     points = check_path(space, path)
     if not len(points):
         raise InputError("path", "is empty", "an animation needs a path", "pass one that was found", value=path)
+    motion: Any = path if hasattr(path, "sample") else None
+    if seconds is None:
+        seconds = DEFAULT_SECONDS if motion is None or motion.duration == 0.0 else motion.duration
     pause, count = _frame_timing(seconds, rate)
     shares = np.linspace(0.0, 1.0, count if bool((points != points[0]).any()) else 1)
     with replacing(target, overwrite) as temporary:
         draw, interpolate = _make_scene(space, points, title, camera)
+        if motion is not None:
+            interpolate = lambda shares: motion.sample(shares * motion.duration)[0]  # noqa: E731
         frames = []
         for drawn, q in enumerate(interpolate(shares), start=1):
             frames.append(draw(q))

@@ -140,6 +140,15 @@ def test_animate_draws_plans_and_robots_at_rest(flat: CSpace, tmp_path: Path) ->
         assert len(frames(animate(flat, path, tmp_path / f"{number}.gif"))[0]) == 1
 
 
+def test_trajectories_are_animated_at_true_speed(flat: CSpace, tmp_path: Path) -> None:
+    trajectory = planners.plan(flat, (1.0, 2.5), (7.0, 2.5)).trajectory(max_velocity=100.0, max_acceleration=6.0)
+    pixels, times, _ = frames(animate(flat, trajectory, tmp_path / "drive.gif", rate=5))
+    assert trajectory.duration == pytest.approx(2.0) and times == [200] * 10 + [1200]
+    way = np.array([middle(frame)[0] for frame in pixels])
+    shares = trajectory.sample(0.2 * np.arange(11))[0][:, 0] / 6.0 - 1.0 / 6.0  # the first half accelerates
+    np.testing.assert_allclose((way - way[0]) / (way[-1] - way[0]), shares, atol=0.02)
+
+
 def test_the_robot_covers_its_shape_and_the_other_panel_shows_the_slice_of_its_yaw(turning: CSpace) -> None:
     stage = PlaneAnimation(turning, Route.of(turning, PATH, None, None), None)
     world, plane = stage.figure.axes
