@@ -1,4 +1,4 @@
-"""Trajectories: the times at which a robot passes the configurations of a planned path."""
+"""Trajectories: planned paths with times."""
 
 from __future__ import annotations
 
@@ -34,20 +34,22 @@ Limits = ArrayLike | Mapping[str, float] | None
 """A limit: one number, or one for each axis."""
 
 MAX_DIRECTION_STEP: Final = {False: 1e-9, True: 1e-6}
-"""Largest change of direction without a stop, by whether edges are curves: rounding on straight edges, and
-:data:`planners.car_curves.MAX_GAP` where curves meet."""
+"""Largest change of direction without a stop, between straight edges (False) and curves (True).
+
+It allows for rounding, and for :data:`planners.car_curves.MAX_GAP` between curves.
+"""
 
 MIN_SEGMENT_LENGTH: Final = 1e-12
-"""Length, in metres and radians, below which edges are skipped, because rounding decides their direction."""
+"""Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones, which are skipped."""
 
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
 MIN_PHASE_SHARE: Final = 1e-12
-"""Share of the duration below which phases are rounding errors, and left out."""
+"""Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped."""
 
 CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#262626", "#e69f00")
-"""Colours of the curves of a plot, most of Okabe and Ito (2008)."""
+"""Colours of the curves of a plot; most are from Okabe and Ito (2008)."""
 
 
 class Segments(NamedTuple):
@@ -65,10 +67,11 @@ class Segments(NamedTuple):
 
 
 class Phases(NamedTuple):
-    """Parts of a motion with constant acceleration, each on one segment; the last one is rest at the goal.
+    """Parts of a motion with constant acceleration.
 
-    ``times``, shape (p,), are seconds at which they start. ``positions``, ``speeds`` and ``accelerations`` are the
-    length along the segment then, and its derivatives by time.
+    Each is on one segment; in the last one the robot rests at the goal. ``times``, shape (p,), are seconds at which
+    they start. ``positions``, ``speeds`` and ``accelerations`` are the length along the segment then, and its
+    derivatives by time.
     """
 
     times: Floats
@@ -121,7 +124,7 @@ class Trajectory:
         return f"Trajectory({self.duration:.3f} s, {len(self.times)} rows of {', '.join(self.axes)})"
 
     def sample(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Return positions, velocities and accelerations at any times, without interpolating the rows.
+        """Return exact positions, velocities and accelerations at any times.
 
         Parameters
         ----------
@@ -183,9 +186,10 @@ class Trajectory:
     @overload
     def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
     def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
-        """Return the rows as a ``nav_msgs/Path`` of ROS; each pose is stamped with the message's stamp plus its time.
+        """Return the rows as a ``nav_msgs/Path`` of ROS.
 
-        Parameters, result and errors are those of :meth:`planners.Plan.to_path`.
+        The stamp of each pose is that of the message plus its time. Parameters, result and errors are those of
+        :meth:`planners.Plan.to_path`.
         """
         from cspace.export.messages import fill_path
         from cspace.files.ros import Path
@@ -222,9 +226,10 @@ class Trajectory:
         return fill_joint_trajectory(self.axes, self.positions, self.velocities, self.times, filled, frame_id)
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the rows as CSV, in full precision: time, the axes, and their velocities, e.g. ``x_velocity``.
+        """Write the rows as CSV, in full precision.
 
-        Parameters and errors are those of :meth:`planners.Plan.to_csv`.
+        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``. Parameters and errors are
+        those of :meth:`planners.Plan.to_csv`.
         """
         names = ("time", *self.axes, *(f"{axis}_velocity" for axis in self.axes))
         write_csv(path, overwrite, names, np.column_stack([self.times, self.positions, self.velocities]).tolist())
@@ -233,7 +238,7 @@ class Trajectory:
 def write_csv(
     path: str | os.PathLike[str], overwrite: bool, names: Sequence[str], rows: Iterable[Sequence[float]]
 ) -> None:
-    """Write rows of numbers below a row of names, as CSV; raise FileError as :meth:`planners.Plan.to_csv`."""
+    """Write a row of names and rows of numbers as CSV, for :meth:`planners.Plan.to_csv`."""
     with replacing(path, overwrite) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
@@ -290,7 +295,10 @@ def make_trajectory(
 
 
 def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool) -> Floats:
-    """Return the limits of the axes, shape (k,), or of a whole translation, shape (); ``known`` are defaults."""
+    """Return checked limits: of each axis, shape (k,), or of the whole translation, shape ().
+
+    ``known`` are the defaults of axes.
+    """
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
         given = {axis: limit for axis, limit in known.items() if limit < np.inf} | dict(value or {})
@@ -337,9 +345,9 @@ def _split_curves(plan: Plan) -> Segments:
 
 
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
-    """Return the segments between points, shape (m + 1, size), without those that are too short.
+    """Return the segments between points, shape (m + 1, size), except very short ones.
 
-    ``steps``, shape (m, k), are the lengths times the rates; ``radians`` are those of the direction of motion.
+    ``steps``, shape (m, k), are the lengths times the rates; ``radians`` turn the direction of motion.
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
@@ -349,7 +357,7 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
 
 
 def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
-    """Return the largest rate of the length on each segment at which no limit is exceeded, shape (m,)."""
+    """Return the largest rate of each segment's length within the limits, shape (m,)."""
     parts = [np.abs(rates[:, :dim]) if linear.ndim else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)]
     limits = [np.atleast_1d(linear)]
     if angular is not None:
@@ -362,10 +370,11 @@ def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | Non
 def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
     """Return the fastest motion along segments, from rest to rest.
 
-    Each segment has a largest speed and acceleration, shape (m,). ``passes``, shape (m - 1,), says where no stop is
-    needed between two segments. The square of the speed changes by at most twice the acceleration per length; so a pass
-    ahead and a pass back bound it where segments meet, and on each segment the robot accelerates, moves at the largest
-    speed if it can reach that, and decelerates (Bobrow, Dubowsky and Gibson, 1985; exact, as the limits are constant).
+    Each segment has a largest speed and acceleration, shape (m,). ``passes``, shape (m - 1,), is True if no stop is
+    needed between two segments. Along a length, the square of the speed changes by at most twice the acceleration times
+    the length. So a pass ahead and a pass back bound the speeds at the ends of segments. On each segment the robot
+    accelerates, keeps the largest speed if it reaches it, and decelerates. Source: Bobrow, Dubowsky and Gibson (1985);
+    constant limits make it exact.
     """
     caps, gains = speeds**2, 2.0 * accelerations * lengths
     squares = np.zeros(len(lengths) + 1)
@@ -407,7 +416,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:
-    """Return the times of the rows: at the start of each phase, and between at most ``time_step`` seconds apart."""
+    """Return the times of the rows: phases are cut into steps of at most ``time_step`` seconds."""
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
     if counts.sum() >= MAX_ROWS:
         rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"
@@ -446,7 +455,7 @@ def _evaluate(segments: Segments, phases: Phases, rotations: Rotations, t: Float
 
 
 def _turn(rates: Floats, angles: Floats) -> Floats:
-    """Return rates whose first two components, x and y, are turned left by angles, shape (m,)."""
+    """Turn x and y of rates left by angles, shape (m,)."""
     turned = rates.copy()
     if angles.any():
         cos, sin, (x, y) = np.cos(angles), np.sin(angles), rates[:, :2].T
