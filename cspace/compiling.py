@@ -176,11 +176,6 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..
     return partial(kernel.get_overload(types), *fixed)
 
 
-def bind_row_kernel(kernel: Any, fixed: Any, floats: int) -> Callable[[tuple[float, ...]], Any]:
-    """Bind a kernel to its first argument, followed by one tuple of floats."""
-    return partial(bind_kernel(kernel, (fixed, (0.0,) * floats), 0).func, fixed)  # type: ignore[attr-defined]
-
-
 # ---- the cache -------------------------------------------------------------------------------------------------------
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, overload
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,18 +14,43 @@ from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
 from cspace.check import check_not_negative
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
-from cspace.map.backend import Backend
-from cspace.map.batches import MIN_EDGES_PER_THREAD, Configuration, ConfigurationBatch, Query, as_points, evaluate_batch
+from cspace.map.batches import (
+    MIN_EDGES_PER_THREAD,
+    Configuration,
+    ConfigurationBatch,
+    Kernel,
+    Query,
+    as_points,
+    evaluate_batch,
+)
 from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.rotations.base import warn_of_degrees
 from cspace.shown import MapPlot
+from cspace.threads import MIN_ITEMS_PER_THREAD
 
 if TYPE_CHECKING:
     from cspace.exact.proofs import ExactQueries
     from cspace.map.contents import Contents
     from cspace.store import Store
+
+
+Result = TypeVar("Result")
+
+
+class Backend(Protocol):
+    """Cells of a map, over which compiled kernels run."""
+
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
+        """Return a query that runs a kernel over the rows of a batch.
+
+        The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the record of the map. ``passed`` is its
+        result for a row if all cells it reads are FREE. Each thread gets at least ``least`` rows.
+        """
+
+    def at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Run ``work`` on a consistent state of the map."""
 
 
 class Components(Protocol):
@@ -39,7 +64,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     """A certified map of a robot's configurations.
 
     :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a store. Queries run
-    compiled kernels over the cells through a :class:`cspace.map.backend.Backend`.
+    compiled kernels over the cells through a :class:`Backend`.
     """
 
     # ---- what the map is ---------------------------------------------------------------------------------------------

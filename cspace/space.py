@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -15,24 +15,25 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States, Words
 from cspace.check import check_count, check_finite, check_positive, check_rng
 from cspace.compiling import clock
-from cspace.configuration_map import ConfigurationMap
+from cspace.configuration_map import ConfigurationMap, Result
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.limits import COMPONENT_STATE_BYTES, check_memory
-from cspace.map.backend import MemoryBackend
 from cspace.map.batches import (
     Configuration,
     ConfigurationBatch,
+    Kernel,
     Query,
     as_contiguous,
     as_points,
     evaluate_batch,
     in_spatial_order,
+    in_threaded_chunks,
 )
 from cspace.map.contents import Contents
 from cspace.map.derived import Lock, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
-from cspace.map.periodic import below_half_a_turn, with_wrapped_angles
+from cspace.map.periodic import Periodic, below_half_a_turn, with_wrapped_angles
 from cspace.map.storage import (
     Map,
     PackedStates,
@@ -48,6 +49,7 @@ from cspace.raster import Raster
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
+from cspace.threads import MIN_ITEMS_PER_THREAD
 from cspace.workspace import Workspace, copy_workspace
 
 if TYPE_CHECKING:
@@ -61,6 +63,35 @@ if TYPE_CHECKING:
     from cspace.map.widest import Widest
     from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Change, Update, Updater
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryBackend:
+    """Cells in memory, in bytes or in two bits.
+
+    Attributes
+    ----------
+    map_ : Map
+        Record of the map, with periodic axes unrolled; it follows updates.
+    periodic : Periodic
+        Periodic axes.
+    lock : Lock
+        Held by an update while it changes cells.
+    """
+
+    map_: Map
+    periodic: Periodic
+    lock: Lock
+
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
+        """Return a query; see :class:`cspace.configuration_map.Backend`."""
+        run = partial(kernel, self.map_, *arguments)
+        return in_threaded_chunks(self.periodic.wrap_rows(run) if self.periodic else run, least)
+
+    def at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Run ``work`` under the lock; see :class:`cspace.configuration_map.Backend`."""
+        with self.lock:
+            return work()
 
 
 class CSpace(ConfigurationMap, MapExport):

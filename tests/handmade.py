@@ -13,7 +13,7 @@ from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.rotations import Rotations
 from cspace.shapes import Point
-from strategies import seeds
+from tests.strategies import seeds
 
 MAP_KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
 MIXTURE = (FREE, FREE, MIXED, BLOCKED)

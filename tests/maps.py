@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace.errors import FileError
 from cspace.shapes import Balls, Mesh
-from handmade import fill_boxes
+from tests.handmade import fill_boxes
 
 MAP_SUFFIXES = [".zarr", ""]
 

@@ -40,7 +40,7 @@ def cross(a, b):
 
 def square_distance_to_box(segment, box):
     """Return the exact squared distance of a segment and a box ``(x0, y0, x1, y1)``."""
-    if segment_meets_block(*segment, box[:2], box[2:]):
+    if segment_meets_block(segment[0], segment[1], box[:2], box[2:]):
         return Fraction(0)
     x0, y0, x1, y1 = box
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
@@ -66,7 +66,7 @@ def square_distance_to_segment(point, segment):
 
 
 def is_on_boundary(point, segments):
-    return any(segment_meets_block(*segment, point, point) for segment in segments)
+    return any(segment_meets_block(start, end, point, point) for start, end in segments)
 
 
 def encloses(point, segments):

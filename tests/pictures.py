@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.plot.artists import CLASSES
-from handmade import fill_boxes
+from tests.handmade import fill_boxes
 
 CLASS_NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
 COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}

@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from cspace import MIXED
-from handmade import configurations
+from tests.handmade import configurations
 from tests.soak.plane import Shape, frame, union_of_cells
 
 ORACLE_BAND = 1e-6

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
-from handmade import fill_boxes, map_of
 from planners.local_planner import CURVES
 from planners.states import kind_of
+from tests.handmade import fill_boxes, map_of
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
 ENDPOINTS: dict[str, tuple[Any, Any]] = {

@@ -13,8 +13,8 @@ import pytest
 import cspace
 import planners
 from cspace import AngleWarning, CSpace, Robot, Workspace
-from handmade import make_joint_map
 from planners.states import kind_of
+from tests.handmade import make_joint_map
 
 Call = Callable[[CSpace, tuple[float, ...]], object]
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cspace import Grid, InputError
 from cspace.check import check_count, check_word
-from refusals import refusals
+from tests.refusals import refusals
 
 
 def test_a_grid_stores_plain_immutable_values():

@@ -8,7 +8,7 @@ from graphlib import TopologicalSorter
 from pkgutil import resolve_name
 from typing import NamedTuple
 
-from repository import SOURCES
+from tests.repository import SOURCES
 
 ORDER = [
     "cspace",  # the public names

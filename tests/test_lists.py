@@ -22,13 +22,13 @@ import cspace.plot
 import cspace.spectral
 import cspace.view
 import planners
-from commands import run
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.spectral.decompose import BALL_READERS
 from cspace.store import MAP_SUFFIXES
-from repository import ROOT
+from tests.commands import run
+from tests.repository import ROOT
 from tests.soak import files as soak
 
 DOCS = ROOT / "docs"

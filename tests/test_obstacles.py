@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
-import solids
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import Components
 from cspace.shapes import Box, Shape, as_shape
-from maps import proven_paths
-from refusals import refusals
+from tests import solids
+from tests.maps import proven_paths
+from tests.refusals import refusals
 from tests.soak.plane import place_polygon
-from updates import OBSTACLE, SPACING, World, agree, check, checkers, room, worlds
-from waiting import while_two_ask
+from tests.updates import OBSTACLE, SPACING, World, agree, check, checkers, room, worlds
+from tests.waiting import while_two_ask
 
 CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
 

@@ -26,11 +26,11 @@ from cspace.map.components import BLOCK_SHIFTS, PeriodicComponents
 from cspace.map.widest import Widest
 from cspace.plot import save_plot
 from cspace.rotations.base import shorter
-from handmade import joint_maps, make_joint_map, map_in
-from maps import proven_paths
-from oracles import link_cells, segment_meets_block, to_graph
 from planners.states import kind_of
-from refusals import refusals
+from tests.handmade import joint_maps, make_joint_map, map_in
+from tests.maps import proven_paths
+from tests.oracles import link_cells, segment_meets_block, to_graph
+from tests.refusals import refusals
 
 PERIODIC_AXES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
 

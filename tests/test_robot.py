@@ -6,8 +6,8 @@ import shapely
 
 from cspace import FileError, GeometryError, InputError, Mesh, Robot
 from cspace.shapes import as_shape
-from mesh_files import TETRAHEDRON
-from refusals import refusals
+from tests.mesh_files import TETRAHEDRON
+from tests.refusals import refusals
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 

@@ -13,17 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import handmade
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace, update
 from cspace.engines.slices import Correlation
 from cspace.export import images
 from cspace.map.components import Components
-from handmade import fill_boxes
-from maps import proven_paths
-from refusals import refusals
-from updates import OBSTACLE, World, agree, check, checkers, room, worlds
-from waiting import while_two_ask
+from tests import handmade
+from tests.handmade import fill_boxes
+from tests.maps import proven_paths
+from tests.refusals import refusals
+from tests.updates import OBSTACLE, World, agree, check, checkers, room, worlds
+from tests.waiting import while_two_ask
 
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
 

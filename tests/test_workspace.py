@@ -21,8 +21,8 @@ from cspace.errors import FileError, InputError
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.limits import check_memory
 from cspace.workspace import covering_grid, covering_shape
-from mesh_files import TETRAHEDRON
-from refusals import refusals
+from tests.mesh_files import TETRAHEDRON
+from tests.refusals import refusals
 
 L_CELLS = [[1, 1, 0], [0, 1, 0]]
 """Obstacle cells of an L, two cells along x and three along y."""

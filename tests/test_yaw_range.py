@@ -20,11 +20,11 @@ from cspace import Robot, Workspace, limits
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 from cspace.map.storage import PackedStates
-from handmade import joint_maps
-from maps import proven_paths
 from planners.states import kind_of
-from planning import ENDPOINTS, room
-from strategies import rotation_cells, seeds
+from tests.handmade import joint_maps
+from tests.maps import proven_paths
+from tests.planning import ENDPOINTS, room
+from tests.strategies import rotation_cells, seeds
 
 MAP_SIZES = {"plane": ((16, 12), Robot.rectangle(0.3, 0.1)), "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1)))}
 

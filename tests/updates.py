@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import FREE, CSpace, Robot, Rotations, Workspace
-from handmade import MAP_KINDS
-from strategies import seeds
+from tests.handmade import MAP_KINDS
+from tests.strategies import seeds
 
 SPACING = 0.5
 OBSTACLE = np.ones((4, 4), dtype=bool)

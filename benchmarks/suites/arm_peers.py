@@ -210,7 +210,8 @@ def _read_geometry(path: str, scale: tuple[float, float, float]) -> Any:
     import coal
     import trimesh
 
-    triangles = trimesh.load(path, force="mesh", process=False).triangles * scale
+    mesh: Any = trimesh.load(path, force="mesh", process=False)
+    triangles = mesh.triangles * scale
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(triangles), 3 * len(triangles))
     for triangle in triangles:

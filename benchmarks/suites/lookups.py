@@ -158,7 +158,7 @@ def _compare_edges(
     report.section(f"{number:.0e} edges of {EDGE_CELLS:g} cells, {title}, {cores()} workers")
     space.motion_is_free(starts, goals)  # fills caches
     free = space.motion_is_free(starts, goals)
-    report.note(f"{free.mean():.0%} of the edges are proven free")
+    report.note(f"{np.mean(free):.0%} of the edges are proven free")
     space_informations = {name: discrete_setup(space, make) for name, make in _checkers(space).items()}
     for kind, a, b in (("random", starts, goals), ("free", starts[free], goals[free])):
         calls: dict[str, Callable[[], Any]] = {"ours": partial(space.motion_is_free, a, b)}

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row, States
-from cspace.compiling import bind_row_kernel, jit, kernel
+from cspace.compiling import bind_kernel, kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.exact.boundaries import Problem, Proofs, as_triangles, connected_parts, obstacle_boundary, part_anchors
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction, place_box
@@ -22,7 +22,7 @@ from cspace.grid import MAX_COORDINATE
 from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
 from cspace.map.batches import as_contiguous
 from cspace.map.edges import along, edge_is_free, edges_are_free
-from cspace.map.points import Numbers, classify, configuration, split_pair, state_at
+from cspace.map.points import Numbers, classify, configuration, is_usable, state_at
 from cspace.map.storage import Map
 from cspace.shapes import Box, Pieces
 from cspace.threads import in_chunks
@@ -142,6 +142,8 @@ class Containment(NamedTuple):
         Corners of the robot, sorted by part, each with the index of the first corner of the next part.
     exterior_blocked : bool
         True if everything outside the grid is an obstacle; otherwise nothing outside is.
+    lower, spacing : tuple of float, float
+        Lower corner of the grid and side of its cells, metres.
     outer, inner : ndarray of bool, shape (nx, ny, nz)
         Cells that meet obstacles, and cells inside obstacles; nz is 1 in the plane.
     anchors : ndarray of float64, shape (m, 3)
@@ -162,6 +164,8 @@ class Containment(NamedTuple):
 
     corners: Floats
     exterior_blocked: bool
+    lower: Row
+    spacing: float
     outer: Bools
     inner: Bools
     anchors: Floats
@@ -237,6 +241,8 @@ class BoundaryProofs:
         containment = Containment(
             corners=np.hstack([corners, np.repeat(part_stops, part_stops - starts)[:, None]]),
             exterior_blocked=problem.exterior_blocked,
+            lower=tuple(np.pad(grid.lower, (0, 3 - grid.dim)).tolist()),
+            spacing=grid.spacing,
             outer=workspace.outer.reshape(cells),
             inner=(workspace.inner if workspace.shapes else workspace.outer).reshape(cells),
             anchors=small[np.argsort(small[:, 0])],
@@ -259,11 +265,16 @@ class BoundaryProofs:
     @cached_property
     def edge(self) -> Callable[..., bool]:
         """Compiled ``edge(*q0, *q1)`` of :class:`Proofs`."""
-        size = self._size
-        kernel = bind_row_kernel(prove_edge, self._inputs, 2 * size)
+        size, inputs, local = self._size, self._inputs, threading.local()
+        origin = (0.0,) * size
+        prove = bind_kernel(edge_state, (inputs, origin, origin, make_scratch()), 0).func  # type: ignore[attr-defined]
 
         def edge(*both: float) -> bool:
-            state = kernel(both)
+            try:
+                scratch = local.scratch
+            except AttributeError:  # the first call of a thread
+                scratch = local.scratch = make_scratch()
+            state = prove(inputs, both[:size], both[size:], scratch)
             return state == FREE or (state == MIXED and not self._are_nested(np.array([both[:size]]))[0])
 
         return edge
@@ -360,17 +371,6 @@ def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scr
         out[k] = edge_state(inputs, q0, q1, scratch)
 
 
-@jit
-def prove_edge(inputs: ProofInputs, both: Numbers) -> int:
-    """Return :func:`edge_state` of an edge given as one row."""
-    q0, q1 = split_pair(inputs.map, both)
-    rotations = inputs.map.rotations
-    if not (rotations.is_usable(q0) and rotations.is_usable(q1)):
-        return BLOCKED
-    scratch = Scratch(np.empty((MAX_PENDING_PARTS, 2)), np.empty(MAX_PENDING_PAIRS, np.int64))
-    return edge_state(inputs, q0, q1, scratch)
-
-
 @kernel
 def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) -> int:
     """Return FREE if a whole edge is proven free, BLOCKED if not.
@@ -378,85 +378,80 @@ def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) 
     MIXED means that no boundaries meet along the edge: it is free if neither robot nor obstacles contain the other at
     the first endpoint. An edge with equal endpoints is a point. If two arcs are equally long up to rounding, both must
     be proven.
-    """
-    state = FREE
-    for arc in range(inputs.map.rotations.arc_count(q0, q1)):
-        state = max(state, arc_state(inputs, q0, q1, arc, scratch)) if state != BLOCKED else BLOCKED
-    return state
 
-
-@kernel
-def arc_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, arc: int, scratch: Scratch) -> int:
-    """Return :func:`edge_state` along one of the shortest arcs.
-
-    The map proves a part of the edge, or the distance at its midpoint proves an interval around the midpoint and leaves
+    The map proves a part of an arc, or the distance at its midpoint proves an interval around the midpoint and leaves
     the remainders on both sides. The endpoint is tested first, then mostly longer parts before shorter ones, so that a
     collision anywhere on the edge is found early.
     """
-    (map_, boundaries, containment), parts, size = inputs, scratch.parts, 0.0
-    scale = boundaries.scale
+    (map_, boundaries, containment), parts, size, nested = inputs, scratch.parts, 0.0, FREE
+    if not (is_usable(map_, q0) and is_usable(map_, q1)):
+        return BLOCKED
+    scale, spacing = boundaries.scale, boundaries.scale * map_.spacing
     for axis in range(len(map_.lower)):
         length = abs(q0[axis]) + abs(q1[axis])
         if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # the negated comparison refuses NaN too
             return BLOCKED
         size += length
-    angle, jump = map_.rotations.turn_of(q0, q1, arc)
     step = minus(reference_point(map_, q1, scale), reference_point(map_, q0, scale))
-    required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + jump * boundaries.max_lever
-    spacing = scale * map_.spacing
-    speed = math.sqrt(dot(step, step)) + angle * boundaries.max_lever
-    # Most colliding edges of a planner collide at an endpoint. For a point, the endpoint is the whole edge.
-    parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
-    scratch.node_pairs[0] = -1
-    head, pending, measured, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
-    while pending > 0:
-        pending -= 1
-        # Pick parts from all over the queue, because neighbours mostly both collide or are both free.
-        # When the queue is nearly full, pick the newest part: it is short and adds few others.
-        nearly_full = pending >= MAX_PENDING_PARTS - MAX_PENDING_PAIRS
-        row = (head + (pending if nearly_full else int(pending * (GOLDEN_RATIO * measured % 1.0)))) % MAX_PENDING_PARTS
-        first, last = parts[row, 0], parts[row, 1]
-        if not nearly_full:
-            parts[row, 0], parts[row, 1] = parts[head, 0], parts[head, 1]
-            head = (head + 1) % MAX_PENDING_PARTS
-        half, center = 0.5 * (last - first), 0.5 * (first + last)
-        # If the rotation jumps, a part may be at any rotation of the whole arc, so cells prove nothing.
-        if (
-            jump == 0.0
-            and 0.0 < last - first < 1.0
-            and edge_is_free(map_, None, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
-        ):
-            continue
-        q = along(map_, q0, q1, arc, center)
-        state, travel, proven = state_at(map_, q), 2.0 * half * speed, 0.0
-        if state == FREE and travel == 0.0:
-            continue
-        if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
-            return BLOCKED
-        if travel <= (spacing if state == FREE else MAX_MOTION_CELLS * spacing):
-            position = reference_point(map_, q, scale)
-            motion = Motion(map_.rotations.matrix_of(q), position, step, angle, required, 0.0)
-            enough = half / ADVANCE_FACTOR
-            walls = -1 if boundaries.walls < 0 or stays_within_walls(boundaries, motion, enough) else boundaries.walls
-            others = walls, boundaries.obstacles
-            proven = free_fraction(boundaries.trees, boundaries.robot, others, motion, enough, scratch.node_pairs)
-            measured += 1
-            if proven < 0.0:
+    for arc in range(map_.rotations.arc_count(q0, q1)):
+        angle, jump = map_.rotations.turn_of(q0, q1, arc)
+        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + jump * boundaries.max_lever
+        speed = math.sqrt(dot(step, step)) + angle * boundaries.max_lever
+        # Most colliding edges of a planner collide at an endpoint. For a point, the endpoint is the whole edge.
+        parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
+        scratch.node_pairs[0] = -1
+        head, pending, measured = 0, 2 if speed > 0.0 else 1, 0
+        while pending > 0:
+            pending -= 1
+            # Pick parts from all over the queue, because neighbours mostly both collide or are both free.
+            # When the queue is nearly full, pick the newest part: it is short and adds few others.
+            nearly_full = pending >= MAX_PENDING_PARTS - MAX_PENDING_PAIRS
+            pick = pending if nearly_full else int(pending * (GOLDEN_RATIO * measured % 1.0))
+            row = (head + pick) % MAX_PENDING_PARTS
+            first, last = parts[row, 0], parts[row, 1]
+            if not nearly_full:
+                parts[row, 0], parts[row, 1] = parts[head, 0], parts[head, 1]
+                head = (head + 1) % MAX_PENDING_PARTS
+            half, center = 0.5 * (last - first), 0.5 * (first + last)
+            # If the rotation jumps, a part may be at any rotation of the whole arc, so cells prove nothing.
+            if (
+                jump == 0.0
+                and 0.0 < last - first < 1.0
+                and edge_is_free(map_, None, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
+            ):
+                continue
+            q = along(map_, q0, q1, arc, center)
+            state, travel, proven = state_at(map_, q), 2.0 * half * speed, 0.0
+            if state == FREE and travel == 0.0:
+                continue
+            if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
                 return BLOCKED
-            # While no boundaries meet, containment cannot change, so it is tested once.
-            if measured == 1:
-                nested = containment_state(containment, map_, q, motion.matrix)
-                if nested == BLOCKED:
+            if travel <= (spacing if state == FREE else MAX_MOTION_CELLS * spacing):
+                position = reference_point(map_, q, scale)
+                motion = Motion(map_.rotations.matrix_of(q), position, step, angle, required, 0.0)
+                enough = half / ADVANCE_FACTOR
+                walls, pairs = boundaries.walls, scratch.node_pairs
+                if walls >= 0 and stays_within_walls(boundaries, motion, enough):
+                    walls = -1
+                others = walls, boundaries.obstacles
+                proven = free_fraction(boundaries.trees, boundaries.robot, others, motion, enough, pairs)
+                measured += 1
+                if proven < 0.0:
                     return BLOCKED
-            proven *= ADVANCE_FACTOR
-            if proven < min(half, MIN_ADVANCE):
-                return BLOCKED
-        if proven < half:
-            row = (head + pending) % MAX_PENDING_PARTS
-            parts[row, 0], parts[row, 1] = first, center - proven
-            row = (row + 1) % MAX_PENDING_PARTS
-            parts[row, 0], parts[row, 1] = center + proven, last
-            pending += 2
+                # While no boundaries meet, containment cannot change, so it is tested once.
+                if measured == 1:
+                    nested = max(nested, containment_state(containment, reference_point(map_, q, 1.0), motion.matrix))
+                    if nested == BLOCKED:
+                        return BLOCKED
+                proven *= ADVANCE_FACTOR
+                if proven < min(half, MIN_ADVANCE):
+                    return BLOCKED
+            if proven < half:
+                row = (head + pending) % MAX_PENDING_PARTS
+                parts[row, 0], parts[row, 1] = first, center - proven
+                row = (row + 1) % MAX_PENDING_PARTS
+                parts[row, 0], parts[row, 1] = center + proven, last
+                pending += 2
     return nested
 
 
@@ -510,17 +505,17 @@ def reference_point(map_: Map, q: Numbers, scale: float) -> Row:
 
 
 @kernel
-def containment_state(containment: Containment, map_: Map, q: Numbers, matrix: Matrix) -> int:
+def containment_state(containment: Containment, position: Row, matrix: Matrix) -> int:
     """Return BLOCKED if a part of one side lies inside the other, MIXED if undecided, else FREE.
 
-    No boundaries of robot and obstacles may meet at q.
+    The robot's reference point is at ``position``; no boundaries of robot and obstacles may meet.
     """
-    position, lower, state, k = reference_point(map_, q, 1.0), reference_point(map_, map_.lower, 1.0), FREE, 0
+    lower, spacing, state, k = containment.lower, containment.spacing, FREE, 0
     (nx, ny, nz), count = containment.outer.shape, containment.corners.shape[0]
     while k < count:
         corner = containment.corners[k]
         x, y, z = minus(apply_pose(matrix, position, row_at(corner, 0)), lower)
-        i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
+        i, j, m = math.floor(x / spacing), math.floor(y / spacing), math.floor(z / spacing)
         after = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
             if containment.exterior_blocked:

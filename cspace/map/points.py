@@ -61,16 +61,6 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
 
 
 @always_inline
-def split_pair(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
-    """Split the coordinates of two configurations."""
-    q0 = map_.lower + map_.rotations.zeros()
-    q1, size = q0, len(q0)
-    for axis in range(size):
-        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[size + axis])
-    return q0, q1
-
-
-@always_inline
 def is_usable(map_: Map, q: Numbers) -> bool:
     """Return True if a configuration is finite and exact enough."""
     usable = map_.rotations.is_usable(q)
@@ -301,7 +291,8 @@ def box_is_free(map_: Map, s: int, q: Numbers, distance: float) -> bool:
 
     The cells are closed, and SLACK is added to the distance.
     """
-    dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True
+    inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
+    dim, reach, total = len(map_.lower), distance / map_.spacing + SLACK, 0.0
     first, last = (0, 0, 0), (0, 0, 0)
     for axis in range(dim):
         position = (q[axis] - map_.lower[axis]) / map_.spacing

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bytes, Floats
+from cspace.configuration_map import Result
 from cspace.errors import FileError
-from cspace.map.backend import Result
 from cspace.map.batches import Kernel, Query, as_contiguous
 from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
@@ -150,7 +150,7 @@ class TileBackend:
                         return result
 
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
-        """Return a query for a kernel; see :meth:`cspace.map.backend.Backend.query`."""
+        """Return a query for a kernel; see :class:`cspace.configuration_map.Backend`."""
 
         def run(*rows_and_out: Any) -> int:
             *rows, out = rows_and_out

@@ -13,7 +13,7 @@ from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import Chain, motion_bounds
 from cspace.arms.hulls import MAX_TRIANGLES_PER_TILE, build_forest, node_corners
 from cspace.shapes import Mesh, Shape
-from urdfs import joint, link, pose_at, posed_box, random_arm, written
+from tests.urdfs import joint, link, pose_at, posed_box, random_arm, written
 
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 POSE = np.vstack([np.c_[ROTATION, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])

@@ -14,14 +14,14 @@ from scipy.ndimage import label
 
 import cspace
 import planners
-from arms.test_space import scene
 from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map
 from cspace.errors import ConfigurationError, InputError
-from maps import proven_paths
-from refusals import refusals
+from tests.arms.test_space import scene
+from tests.maps import proven_paths
+from tests.refusals import refusals
 from tests.soak.plane import place_polygon
-from urdfs import joint, link, planar, posed_box, written
+from tests.urdfs import joint, link, planar, posed_box, written
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres."""

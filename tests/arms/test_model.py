@@ -13,8 +13,8 @@ from cspace import MeshWarning, Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
-from refusals import refusals
-from urdfs import joint, link, planar, random_arm, written
+from tests.refusals import refusals
+from tests.urdfs import joint, link, planar, random_arm, written
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 

@@ -11,9 +11,9 @@ from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import InputError
 from cspace.shapes import Mesh, Voxels
-from refusals import refusals
-from solids import ArmOracle, ball, box, sampled
-from urdfs import joint, link, planar, pose_at, random_arm, written
+from tests.refusals import refusals
+from tests.solids import ArmOracle, ball, box, sampled
+from tests.urdfs import joint, link, planar, pose_at, random_arm, written
 
 H = 0.2
 SIDE = 10

@@ -12,9 +12,9 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, Robot
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
-from refusals import refusals
-from solids import ArmOracle, box, sampled
-from urdfs import joint, link, planar, pose_at, posed_box, random_arm, written
+from tests.refusals import refusals
+from tests.solids import ArmOracle, box, sampled
+from tests.urdfs import joint, link, planar, pose_at, posed_box, random_arm, written
 
 
 def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Generator]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commands import run
+from tests.commands import run
 
 CUBE_OBJ = """v 0 0 0
 v 1 0 0

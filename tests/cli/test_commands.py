@@ -15,8 +15,6 @@ import trimesh
 
 import cspace
 import planners
-import urdfs
-from commands import document, run
 from cspace.cli import app
 from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
@@ -24,8 +22,10 @@ from cspace.errors import InputError
 from cspace.limits import MESH_CELL_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate
 from cspace.spectral import FourierOverlap
-from maps import same
-from refusals import refusals
+from tests import urdfs
+from tests.commands import document, run
+from tests.maps import same
+from tests.refusals import refusals
 
 MAP_ENDPOINTS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),

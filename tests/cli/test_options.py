@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commands import run
 from cspace.cli.files import read_axes
 from cspace.cli.options import parse_angle, parse_box, parse_configuration
 from cspace.cli.report import format_error, name_options, show
 from cspace.errors import CspaceError, FileError, InputError
-from refusals import refusals
+from tests.commands import run
+from tests.refusals import refusals
 
 AXES_OF = {"plane": ("x", "y"), "turning": ("x", "y", "yaw"), "space": ("x", "y", "z"), "both": ("x", "y", "z", "yaw")}
 OPTION_NAMES = {

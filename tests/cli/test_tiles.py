@@ -8,8 +8,8 @@ import zarr
 
 import cspace
 import cspace.builder
-from commands import run
 from cspace.plot import save_plot
+from tests.commands import run
 
 
 @pytest.fixture(scope="module")

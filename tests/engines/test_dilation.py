@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from cspace.engines import dilation, fft
 from cspace.engines.dilation import ClippedRuns
 from cspace.raster import Raster
-from oracles import collide, raster_offsets
-from strategies import bitmaps
+from tests.oracles import collide, raster_offsets
+from tests.strategies import bitmaps
 
 
 @pytest.mark.parametrize("outside", [False, True])

@@ -19,8 +19,8 @@ from cspace.engines.fft import (
     transform_seconds,
 )
 from cspace.raster import Raster
-from oracles import collide, overlaps_by_shifts
-from strategies import seeds
+from tests.oracles import collide, overlaps_by_shifts
+from tests.strategies import seeds
 
 
 def check(occupied, rasters, outside):

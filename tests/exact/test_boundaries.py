@@ -13,7 +13,7 @@ from cspace import Workspace
 from cspace.exact.boundaries import clip, obstacle_boundary, part_anchors
 from cspace.raster.bitmaps import boundary_triangles
 from cspace.shapes import Pieces
-from strategies import seeds, stars
+from tests.strategies import seeds, stars
 
 
 def bare(simplices):

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
-from handmade import fill_boxes
-from placements import ORACLE_BAND, draw_near_mixed, obstacles_of
-from strategies import robots, seeds, stars
+from tests.handmade import fill_boxes
+from tests.placements import ORACLE_BAND, draw_near_mixed, obstacles_of
 from tests.soak.plane import move_points
+from tests.strategies import robots, seeds, stars
 
 SIDE = 0.6
 

@@ -13,8 +13,8 @@ import cspace
 from cspace import MIXED, InputError, Robot, Rotations, Workspace
 from cspace.map.contents import Contents
 from cspace.shapes import Polygons
-from handmade import configurations
-from placements import draw_near_mixed
+from tests.handmade import configurations
+from tests.placements import draw_near_mixed
 
 
 def plane(rotations=None):

@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes.mesh import Mesh
-from handmade import fill_boxes, map_in
-from placements import ORACLE_BAND, draw_near_mixed
-from solids import surface, turn_of
-from strategies import seeds
+from tests.handmade import fill_boxes, map_in
+from tests.placements import ORACLE_BAND, draw_near_mixed
 from tests.soak.solids import Blocks, Pair, Walls
+from tests.solids import surface, turn_of
+from tests.strategies import seeds
 
 # ---- oracles ---------------------------------------------------------------------------------------------------------
 

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-import solids
 from cspace.compiling import kernel
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, build_trees, crosses, free_fraction
 from cspace.shapes import Pieces
-from oracles import cross, dot, minus
-from strategies import seeds
+from tests import solids
+from tests.oracles import cross, dot, minus
+from tests.strategies import seeds
 
 HERE, STILL = (0.0, 0.0, 0.0), np.eye(3)
 ERROR = 2.0**-48

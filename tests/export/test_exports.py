@@ -26,7 +26,7 @@ from cspace.export import boundaries as writing
 from cspace.export import vti
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
-from maps import MAP_BUILDERS
+from tests.maps import MAP_BUILDERS
 
 states = hnp.arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)).filter(
     lambda state: bool((state == cspace.FREE).any())

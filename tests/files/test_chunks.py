@@ -24,7 +24,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec, GzipCodec, ZstdCodec
 import cspace
 from cspace import CspaceError, FileError, Workspace, store
 from cspace.files.chunks import MAX_CHUNK_BYTES, ZarrArray
-from refusals import refusals
+from tests.refusals import refusals
 from tests.soak import files as soak
 
 FILLED = {"write_empty_chunks": True}

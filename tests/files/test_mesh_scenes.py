@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from cspace.files.meshes import read_mesh
-from mesh_files import BOX, CORNERS, FAR, QUADS, check_boxes, check_refused, read
-from refusals import refusals
+from tests.mesh_files import BOX, CORNERS, FAR, QUADS, check_boxes, check_refused, read
+from tests.refusals import refusals
 
 # glTF
 

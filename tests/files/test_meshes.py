@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from cspace import FileError, GeometryError, InputError
 from cspace.files.meshes import read_mesh
 from cspace.files.polygons import triangulate
-from mesh_files import BOX, CORNERS, FACES, FAR, QUADS, SECOND, VERTICES, check_boxes, check_refused, lines, read
-from refusals import refusals
+from tests.mesh_files import BOX, CORNERS, FACES, FAR, QUADS, SECOND, VERTICES, check_boxes, check_refused, lines, read
+from tests.refusals import refusals
 
 # OBJ
 

@@ -17,8 +17,8 @@ import cspace
 from cspace import Grid, Robot, Workspace
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.files.formats import read_dimension
-from refusals import refusals
-from strategies import seeds
+from tests.refusals import refusals
+from tests.strategies import seeds
 
 TYPES = {
     "signed char": "i1",

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cspace import GeometryError
-from mesh_files import BOX, CORNERS, QUADS, check_boxes, check_refused, read
-from refusals import refusals
+from tests.mesh_files import BOX, CORNERS, QUADS, check_boxes, check_refused, read
+from tests.refusals import refusals
 
 # PLY
 

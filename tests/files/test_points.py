@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from cspace import Workspace
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.points import read_points, unpack_lzf
-from refusals import refusals
-from strategies import seeds
+from tests.refusals import refusals
+from tests.strategies import seeds
 
 CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]])
 """A cloud that single precision holds exactly."""

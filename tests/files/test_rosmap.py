@@ -17,7 +17,7 @@ from PIL import Image
 from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
 from cspace.errors import FileError, InputError
 from cspace.export.images import write_ros_map
-from refusals import refusals
+from tests.refusals import refusals
 
 HEADER: dict[str, Any] = {
     "image": "map.png",

@@ -10,8 +10,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from cspace import FileError, InputError, Mesh, Robot
-from missing import output_without
-from refusals import refusals
+from tests.missing import output_without
+from tests.refusals import refusals
 
 BASE = """
 <link name="base">

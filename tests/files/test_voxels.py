@@ -13,8 +13,8 @@ from cspace import Grid, Workspace
 from cspace.arrays import Bools
 from cspace.errors import FileError, InputError
 from cspace.files.images import read_movingai_voxels
-from refusals import refusals
-from strategies import seeds
+from tests.refusals import refusals
+from tests.strategies import seeds
 
 BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
 FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"

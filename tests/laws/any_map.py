@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import Robot, Rotations, Workspace
-from handmade import make_joint_map
+from tests.handmade import make_joint_map
 
 CAR = Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
 CRATE = Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))

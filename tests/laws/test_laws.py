@@ -13,8 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED
-from handmade import components
-from laws.any_map import (
+from tests.handmade import components
+from tests.laws.any_map import (
     ALL_KINDS,
     MAP_INPUTS,
     PERIODIC,
@@ -25,9 +25,9 @@ from laws.any_map import (
     random_obstacles,
     reopen,
 )
-from maps import proven_paths
-from oracles import link_cells, to_graph
-from placements import draw_configurations
+from tests.maps import proven_paths
+from tests.oracles import link_cells, to_graph
+from tests.placements import draw_configurations
 
 EXTERIORS = ("blocked", "free")
 BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from cspace import BLOCKED, FREE, MIXED, Workspace
-from handmade import map_of
-from oracles import path_length
-from strategies import seeds
+from tests.handmade import map_of
+from tests.oracles import path_length
+from tests.strategies import seeds
 
 NARROW = 1e-6
 """Widening of free space in the oracle, and distance at which a segment touches a corner, in cells."""

@@ -15,10 +15,10 @@ from cspace.map.batches import MIN_EDGES_PER_THREAD, ROWS_PER_COPY, evaluate_pai
 from cspace.map.mip import MAX_CELLS_PER_EDGE
 from cspace.rotations import Rotations
 from cspace.threads import MIN_ITEMS_PER_THREAD
-from handmade import configurations, map_of
-from placements import draw_configurations
-from refusals import refusals
-from strategies import rotation_cells, seeds
+from tests.handmade import configurations, map_of
+from tests.placements import draw_configurations
+from tests.refusals import refusals
+from tests.strategies import rotation_cells, seeds
 
 MAPS = {
     "plane": ((57, 43), 0.02, Robot.disc(0.15), None),

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import handmade
 from cspace import FREE, MIXED
 from cspace.rotations.base import MAX_ANGLE
-from handmade import outsides
-from placements import draw_configurations
-from strategies import seeds
+from tests import handmade
+from tests.handmade import outsides
+from tests.placements import draw_configurations
+from tests.strategies import seeds
 
 
 @settings(max_examples=40)

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import handmade
 from cspace import BLOCKED, FREE, MIXED
 from cspace.map.search import open_chain
-from strategies import seeds
+from tests import handmade
+from tests.strategies import seeds
 
 
 def chain_on(space, start, goal, closed=None):

@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import handmade
-import oracles
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
-from strategies import seeds
+from tests import handmade, oracles
+from tests.strategies import seeds
 
 
 def distance_to_cells(points, cells):

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from scipy import ndimage, sparse
 
 import cspace
-import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import BLOCK_SHIFTS, Components
 from cspace.map.storage import read_only
 from cspace.rotations import Rotations
-from maps import proven_paths
-from strategies import seeds
+from tests import handmade
+from tests.maps import proven_paths
+from tests.strategies import seeds
 
 BLOCKS = {"small": {2: (0, 2, 2), 3: (1, 2, 1)}, "rows of eight": {2: (0, 1, 3), 3: (1, 0, 3)}, "as they are": {}}
 

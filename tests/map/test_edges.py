@@ -11,14 +11,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cspace
-import handmade
-import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
-from handmade import ALL_FREE, Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
-from planning import along_edge
-from strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
+from tests import handmade, oracles
+from tests.handmade import ALL_FREE, Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
+from tests.planning import along_edge
+from tests.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 H = 0.25
 

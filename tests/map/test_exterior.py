@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from cspace import BLOCKED, FREE, MIXED
 from cspace.map.exterior import Exterior
 from cspace.raster import Raster
-from handmade import Outside, cells_around, outsides, state_of
-from strategies import seeds
+from tests.handmade import Outside, cells_around, outsides, state_of
+from tests.strategies import seeds
 
 SLICES = 2
 

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
 from cspace.map.paths import pulled_straight
 from cspace.map.search import Graph
 from cspace.map.storage import read_only
-from handmade import map_of, states
-from oracles import path_length
-from refusals import refusals
-from strategies import seeds
+from tests import handmade
+from tests.handmade import map_of, states
+from tests.oracles import path_length
+from tests.refusals import refusals
+from tests.strategies import seeds
 
 
 @settings(max_examples=60)

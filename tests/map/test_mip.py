@@ -10,8 +10,8 @@ from cspace import FREE, Robot, Workspace
 from cspace.map.derived import Lock
 from cspace.map.mip import BLOCK_SIDE, MAX_DIRTY_BOXES, ROWS_PER_BLOCK_ROW, OccupancyPyramid
 from cspace.map.storage import PackedStates
-from strategies import seeds
-from waiting import while_two_ask
+from tests.strategies import seeds
+from tests.waiting import while_two_ask
 
 
 def unpack(words):

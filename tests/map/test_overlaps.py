@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import oracles
 from cspace import Workspace
 from cspace.map.overlaps import Runs, Sums
 from cspace.raster import Raster
-from handmade import map_of
-from strategies import bitmaps, robots, seeds
+from tests import oracles
+from tests.handmade import map_of
+from tests.strategies import bitmaps, robots, seeds
 
 
 @settings(max_examples=25)

@@ -11,13 +11,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cspace
-import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
-from handmade import ALL_FREE, Outside, free_except, map_of, outsides, state_of, states
-from refusals import refusals
-from strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
+from tests import handmade
+from tests.handmade import ALL_FREE, Outside, free_except, map_of, outsides, state_of, states
+from tests.refusals import refusals
+from tests.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 POLICIES = st.sampled_from(["blocked", "free"])
 L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
-from refusals import refusals
-from strategies import rotation_cells, seeds
+from tests import handmade
+from tests.refusals import refusals
+from tests.strategies import rotation_cells, seeds
 
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
 

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import oracles
 from cspace import Robot, Workspace
 from cspace.engines.slices import raster_tasks, slice_rasters
 from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import TWO_PI
 from cspace.shapes import Shape
-from strategies import robots
+from tests import oracles
+from tests.strategies import robots
 
 
 def rotation(yaw):

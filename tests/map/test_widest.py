@@ -17,13 +17,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-import handmade
 from cspace import FREE, MIXED, CSpace, InputError, Robot, Workspace, build
 from cspace.map import search, widest
 from cspace.map.components import Components
-from oracles import link_cells, path_length, to_graph
-from planning import ENDPOINTS, room, turn_between, with_state
-from strategies import seeds
+from tests import handmade
+from tests.oracles import link_cells, path_length, to_graph
+from tests.planning import ENDPOINTS, room, turn_between, with_state
+from tests.strategies import seeds
 
 WIDEST_SPACES = ("plane", "space", "turning", "yawing")
 WIDEST_TURNS = {"turning": 5, "yawing": 4}

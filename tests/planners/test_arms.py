@@ -13,7 +13,7 @@ import planners
 from cspace import ArmSpace, InputError
 from cspace.arms import Arm, build_arm_space
 from planners.states import kind_of
-from refusals import refusals
+from tests.refusals import refusals
 from tests.urdfs import joint, link, planar, post, written
 
 pytest.importorskip("yourdfpy")

@@ -13,7 +13,7 @@ import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
-from planning import room, turn_between, with_state
+from tests.planning import room, turn_between, with_state
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 RADII = [0.3, 1.0, 4.0]

@@ -8,8 +8,8 @@ from ompl import base as ob
 
 import planners
 from cspace import CSpace, InputError, Robot, Workspace, build
-from handmade import fill_boxes
-from planning import CAR, SPACES, bounds_of, draw_around, edges_from, room, state_at
+from tests.handmade import fill_boxes
+from tests.planning import CAR, SPACES, bounds_of, draw_around, edges_from, room, state_at
 
 
 @pytest.fixture(params=SPACES)

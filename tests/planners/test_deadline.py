@@ -11,7 +11,7 @@ import planners
 from cspace import MIXED, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
 from planners.search import Deadline, OutOfTime
-from planning import ANYTIME_PLANNERS, ENDPOINTS, SPACES_WITH_CURVES, compile_for, halves, options_for, room
+from tests.planning import ANYTIME_PLANNERS, ENDPOINTS, SPACES_WITH_CURVES, compile_for, halves, options_for, room
 
 LIMIT = 0.015
 """Time limit in seconds."""

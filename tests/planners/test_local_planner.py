@@ -11,11 +11,11 @@ from scipy.sparse.csgraph import dijkstra
 
 import planners
 from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
-from maps import proven_paths
-from placements import collides
 from planners import search
 from planners.local_planner import TurnDriveTurn, local_planner
-from planning import ENDPOINTS, check, open_map, plan_patiently, room, state_at, turn_between, with_state
+from tests.maps import proven_paths
+from tests.placements import collides
+from tests.planning import ENDPOINTS, check, open_map, plan_patiently, room, state_at, turn_between, with_state
 
 DRIVES = ("differential", "differential-reverse")
 

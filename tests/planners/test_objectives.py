@@ -11,7 +11,7 @@ import planners
 from cspace import InputError
 from planners.local_planner import local_planner
 from planners.states import kind_of
-from planning import SPACES, SPACES_WITH_CURVES, edges_from, options_for, room, state_at
+from tests.planning import SPACES, SPACES_WITH_CURVES, edges_from, options_for, room, state_at
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)

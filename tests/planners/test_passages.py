@@ -11,10 +11,10 @@ import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.search import open_chain
-from maps import proven_paths
-from placements import collides
 from planners.local_planner import EdgesOnMap
-from planning import along_edge, compile_for
+from tests.maps import proven_paths
+from tests.placements import collides
+from tests.planning import along_edge, compile_for
 
 WIDTH = 0.5
 """Width of the robot in metres."""

@@ -22,7 +22,7 @@ from planners.catalogue import (
     THREADED_PLANNERS,
 )
 from planners.local_planner import CURVES
-from planning import (
+from tests.planning import (
     ANYTIME_PLANNERS,
     CAR,
     ENDPOINTS,
@@ -39,8 +39,8 @@ from planning import (
     turn_between,
     with_state,
 )
-from refusals import refusals
-from strategies import seeds
+from tests.refusals import refusals
+from tests.strategies import seeds
 
 OMPL_PLANNERS = planners.planner_names()
 OPTIMIZING_PLANNERS = sorted(set(OMPL_PLANNERS) - PLANNERS_WITHOUT_OBJECTIVE - THREADED_PLANNERS - {"FMT", "BFMT"})

@@ -14,8 +14,8 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from planning import ENDPOINTS, SPACES, room
-from urdfs import joint, link, planar, post, written
+from tests.planning import ENDPOINTS, SPACES, room
+from tests.urdfs import joint, link, planar, post, written
 
 LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 1.0}
 

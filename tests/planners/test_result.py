@@ -17,13 +17,13 @@ from matplotlib import pyplot as plt
 from matplotlib.text import Text
 
 import planners
-import solids
 from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import thumbnail
 from cspace.plot.route import collect_marks
 from planners.local_planner import HOLONOMIC, local_planner
-from planning import (
+from tests import solids
+from tests.planning import (
     ENDPOINTS,
     SPACES,
     SPACES_WITH_CURVES,

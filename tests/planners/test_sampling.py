@@ -12,8 +12,8 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, Arm, ConfigurationError, CSpace, InputError, Robot, build_arm_space
 from planners.states import kind_of
-from planning import ENDPOINTS, SPACES, along_edges, open_map, room, state_at, with_state
-from urdfs import planar
+from tests.planning import ENDPOINTS, SPACES, along_edges, open_map, room, state_at, with_state
+from tests.urdfs import planar
 
 SAMPLING_CENTERS = {
     "plane": [ENDPOINTS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],

@@ -10,11 +10,11 @@ from ompl import geometric as og
 
 import planners
 from cspace import InputError
-from missing import output_without
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
-from planning import CAR, SPACES, room
-from refusals import refusals
+from tests.missing import output_without
+from tests.planning import CAR, SPACES, room
+from tests.refusals import refusals
 
 
 def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:

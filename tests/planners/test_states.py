@@ -6,7 +6,7 @@ from ompl import base as ob
 
 import planners
 from planners.states import kind_of
-from planning import SPACES, room
+from tests.planning import SPACES, room
 
 IN_EVERY_SPACE = pytest.mark.parametrize("name", SPACES)
 

@@ -25,10 +25,10 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from planning import CAR, ENDPOINTS, SPACES, open_map, room, turn_between
-from refusals import refusals
-from strategies import seeds
-from urdfs import joint, link, planar, written
+from tests.planning import CAR, ENDPOINTS, SPACES, open_map, room, turn_between
+from tests.refusals import refusals
+from tests.strategies import seeds
+from tests.urdfs import joint, link, planar, written
 
 AXES: dict[str, tuple[str, ...]] = {
     "plane": ("x", "y"),

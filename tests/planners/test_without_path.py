@@ -13,12 +13,12 @@ from ompl import geometric as og
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
-from handmade import MAP_KINDS, components, configurations, make_map, random_states
-from maps import proven_paths
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
-from planning import SPACES, check_failed, halves, options_for, room
-from strategies import seeds
+from tests.handmade import MAP_KINDS, components, configurations, make_map, random_states
+from tests.maps import proven_paths
+from tests.planning import SPACES, check_failed, halves, options_for, room
+from tests.strategies import seeds
 
 SPACES_WITH_DRIVES = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
 

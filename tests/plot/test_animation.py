@@ -16,8 +16,8 @@ from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot.animation import PlaneAnimation
 from cspace.plot.route import Route
-from pictures import check_cells, pixel
-from urdfs import planar, posed_box
+from tests.pictures import check_cells, pixel
+from tests.urdfs import planar, posed_box
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT: tuple[int, ...] = (0x3F, 0xB7, 0x95)

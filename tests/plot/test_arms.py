@@ -15,8 +15,8 @@ from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, interpolate_joints
 from cspace.plot.artists import LOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR
 from cspace.plot.route import Route
 from cspace.plot.surface import SURFACES
-from refusals import refusals
-from urdfs import planar, posed_box
+from tests.refusals import refusals
+from tests.urdfs import planar, posed_box
 
 pytest.importorskip("yourdfpy")
 PATH_OF_JOINTS = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cspace import Grid
 from cspace.arrays import reduce_blocks
 from cspace.plot.cell_image import CellImage
-from pictures import rendered
+from tests.pictures import rendered
 
 
 @given(st.data())

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import CSpace, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import COLORS, class_of, labels, pixel, rendered
+from tests.pictures import COLORS, class_of, labels, pixel, rendered
 
 POINT = (1.75, 2.0, 1.1)
 

@@ -8,7 +8,7 @@ import pytest
 
 from cspace import CSpace, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import check_cells, heading, labels, rendered
+from tests.pictures import check_cells, heading, labels, rendered
 
 
 def yaws_of(ax: Any) -> list[str]:

@@ -24,7 +24,7 @@ from cspace.plot import artists, plot
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import outline_rings
 from cspace.view import scene
-from pictures import COLORS, check_cells, check_within, class_of, heading, heading_box, labels, pixel, rendered
+from tests.pictures import COLORS, check_cells, check_within, class_of, heading, heading_box, labels, pixel, rendered
 
 # ----------------------------------------------------------------------------------------------- cells
 

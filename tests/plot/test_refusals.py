@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cspace import CSpace, FileError, InputError, Robot, Rotations, Workspace, build
 from cspace.plot import animate, plot, save_plot
-from refusals import refusals
+from tests.refusals import refusals
 
 PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 SOLID: dict[str, Any] = {"view": "3d"}

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-import handmade
 from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
 from cspace.plot.route import clip_path
-from pictures import COLORS, class_of, heading, labels, rendered
+from tests import handmade
+from tests.pictures import COLORS, class_of, heading, labels, rendered
 
 PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cspace import FREE, CSpace, Grid, Robot, Workspace, build
 from cspace.plot import artists, plot, surface
 from cspace.plot.surface import border_faces
-from pictures import check_within, heading, heading_box, labels, rendered
+from tests.pictures import check_within, heading, heading_box, labels, rendered
 
 GRID = Grid((-1.0, 2.0, 0.5), 0.5, (5, 4, 3))
 TOWARDS = np.array([0.6, -0.5, 0.7])

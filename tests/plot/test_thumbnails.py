@@ -11,7 +11,7 @@ from PIL import Image
 import planners
 from cspace import CSpace, Robot, Workspace, build
 from cspace.plot import artists, thumbnail
-from pictures import COLORS, class_of
+from tests.pictures import COLORS, class_of
 
 OCCUPIED = np.zeros((40, 30), bool)
 OCCUPIED[18:22, :16] = True

@@ -6,10 +6,10 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-import oracles
 from cspace import Grid, InputError, Robot
 from cspace.shapes import Balls, Polygons
-from strategies import robots, seeds, spacings, stars
+from tests import oracles
+from tests.strategies import robots, seeds, spacings, stars
 
 NEAR = 1e-6
 """In metres: more than the slack of any grid used here."""

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.optimize import nnls
 
-import solids
 from cspace import Grid, InputError, Mesh, MeshWarning
 from cspace.raster.surfaces import RunComponents
 from cspace.raster.triangles import mark_within, subdivide, sweep_triangles
-from mesh_files import join_meshes, make_box
-from oracles import cross, distance_to_triangles, dot, units
-from strategies import seeds
+from tests import solids
+from tests.mesh_files import join_meshes, make_box
+from tests.oracles import cross, distance_to_triangles, dot, units
+from tests.strategies import seeds
 
 NEAR = 1e-6
 

@@ -22,7 +22,7 @@ from cspace.errors import InputError
 from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
 from cspace.rotations.yaw import YawCells, YawRotations
-from maps import proven_paths
+from tests.maps import proven_paths
 
 COUNT = 8
 

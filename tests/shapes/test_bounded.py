@@ -13,12 +13,12 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 import cspace
-import solids
 from cspace import InputError, Robot, Rotations, Workspace
 from cspace.rotations import RotationCell
 from cspace.spectral import decompose
-from handmade import half_turns
-from refusals import refusals
+from tests import solids
+from tests.handmade import half_turns
+from tests.refusals import refusals
 
 RADIUS, LENGTH = 0.31, 0.57
 

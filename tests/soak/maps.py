@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -294,7 +295,7 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
     snapped = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
     if space.rotations.names:
-        boundaries = np.asarray(space.rotations.borders)
+        boundaries = _borders(space.rotations)
         boundary = rng.choice(boundaries, (len(q), 3 if len(space.rotations.names) == 4 else 1))
         boundary += (
             away * rng.choice([-1.0, 0.0, 1.0], boundary.shape) * 10.0 ** rng.uniform(-12.0, -3.0, boundary.shape)
@@ -334,9 +335,14 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
     return np.column_stack([points, turns + TWO_PI * rng.integers(-2, 3, turns.shape)])
 
 
+def _borders(rotations: Any) -> Floats:
+    """Return the borders of rotation cells, of any kind."""
+    return np.asarray(rotations.borders)
+
+
 def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
     """Return a rotation in each cell, at parts (n, 3)."""
-    boundaries = np.asarray(space.rotations.borders)
+    boundaries = _borders(space.rotations)
     if len(space.rotations.names) == 1:
         return np.asarray(boundaries[cells] + part[:, 0] * (boundaries[cells + 1] - boundaries[cells]))[:, None]
     n = len(boundaries) - 1

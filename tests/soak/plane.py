@@ -326,7 +326,8 @@ def _discs(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
 
 def _rectangle(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     sides, middle = scale.lengths(rng.uniform(0.3, 1.2, 2) * size), scale.center(rng, size, 2)
-    return Robot.rectangle(*sides, middle), Shape([shapely.box(*(middle - sides / 2), *(middle + sides / 2))])
+    region = shapely.box(*(middle - sides / 2), *(middle + sides / 2))
+    return Robot.rectangle(sides[0], sides[1], middle), Shape([region])
 
 
 def _regular(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:

@@ -191,7 +191,7 @@ def same_in_a_child(method: str) -> bool:
 
 def _child(method: str, space: CSpace) -> tuple[Any, Any]:
     """Start a process with a map; return its pipe, too."""
-    context = multiprocessing.get_context(method)
+    context: Any = multiprocessing.get_context(method)
     here, there = context.Pipe()
     child = context.Process(target=_send_answers, args=(there, space))
     child.start()

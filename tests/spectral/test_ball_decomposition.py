@@ -13,7 +13,7 @@ from cspace import Robot
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import BallDecomposition, Bounds, decompose
-from refusals import refusals
+from tests.refusals import refusals
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")

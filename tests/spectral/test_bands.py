@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cspace.spectral import BallDescriptor, Bump, Verdict
 from cspace.spectral.bump import pair_integrals
 from cspace.spectral.spectra import Rings, Spectrum, Terms, norm_square, separate, touching_overlap
-from strategies import seeds
+from tests.strategies import seeds
 
 pytest.importorskip("finufft")
 

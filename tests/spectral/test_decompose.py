@@ -16,8 +16,8 @@ from cspace.demo import floor_plan
 from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
 from cspace.spectral.regions import bound_ball_measure
-from oracles import distance_to_triangles, sample_surface, winds_around
-from strategies import seeds, stars
+from tests.oracles import distance_to_triangles, sample_surface, winds_around
+from tests.strategies import seeds, stars
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 ELL = shapely.union(shapely.box(0.0, 0.0, 2.0, 0.7), shapely.box(0.0, 0.0, 0.7, 2.0))

@@ -14,8 +14,8 @@ from scipy import ndimage
 from cspace import Grid, InputError, Mesh
 from cspace.shapes import Balls
 from cspace.spectral import BallDescriptor, Bump, Descriptor, indicator, intersection, minkowski_sum, superlevel, union
-from refusals import refusals
-from strategies import seeds
+from tests.refusals import refusals
+from tests.strategies import seeds
 
 METHODS = ["fft", "direct"]
 TINY = np.finfo(float).tiny  # tiny values stay positive

@@ -11,10 +11,10 @@ from cspace import FREE, CSpace, InputError, Robot, Workspace, build
 from cspace.arrays import FIELD_NAMES
 from cspace.rotations import Rotations
 from cspace.spectral import FourierOverlap, OverlapField
-from handmade import map_in
-from maps import same
-from planning import state_at
-from refusals import refusals
+from tests.handmade import map_in
+from tests.maps import same
+from tests.planning import state_at
+from tests.refusals import refusals
 
 pytest.importorskip("finufft")
 

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-import solids
 from cspace import Grid, InputError, MissingPackageError, Robot
 from cspace.spectral import (
     BallDecomposition,
@@ -25,8 +24,9 @@ from cspace.spectral import (
 )
 from cspace.spectral.bump import pair_integrals
 from cspace.spectral.spectra import norm_square
-from refusals import refusals
-from strategies import seeds
+from tests import solids
+from tests.refusals import refusals
+from tests.strategies import seeds
 
 pytest.importorskip("finufft")
 

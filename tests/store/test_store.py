@@ -19,9 +19,9 @@ import cspace
 from cspace import store
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.limits import raised_limits
-from maps import MAP_BUILDERS, MAP_SUFFIXES, files, proven_paths, refused, same
-from strategies import bitmaps, robots, rotation_cells
+from tests.maps import MAP_BUILDERS, MAP_SUFFIXES, files, proven_paths, refused, same
 from tests.soak.files import reseal
+from tests.strategies import bitmaps, robots, rotation_cells
 
 YAWS = (-7.0, 0.0, 0.3, 3.1, 4.0)
 

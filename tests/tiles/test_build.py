@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.store import Store
-from laws.any_map import CAR, MAP_INPUTS
+from tests.laws.any_map import CAR, MAP_INPUTS
 
 
 def random_workspace(shape, seed=0, two=False):

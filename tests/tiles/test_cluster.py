@@ -15,12 +15,12 @@ import pytest
 import zarr
 
 import cspace
-from commands import run
 from cspace.errors import CspaceError, InputError
-from laws.any_map import CAR
-from repository import ROOT
-from tiles.test_build import check_finished_tiles, check_states, random_workspace
-from waiting import until
+from tests.commands import run
+from tests.laws.any_map import CAR
+from tests.repository import ROOT
+from tests.tiles.test_build import check_finished_tiles, check_states, random_workspace
+from tests.waiting import until
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")

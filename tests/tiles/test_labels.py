@@ -5,11 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from handmade import fill_boxes
-from laws.any_map import CAR
-from maps import proven_paths
-from placements import draw_configurations
-from tiles.test_build import random_workspace
+from tests.handmade import fill_boxes
+from tests.laws.any_map import CAR
+from tests.maps import proven_paths
+from tests.placements import draw_configurations
+from tests.tiles.test_build import random_workspace
 
 
 def check_connectivity(tiled, space, rng, n=300):

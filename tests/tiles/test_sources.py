@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.raster.surfaces import Buckets
-from laws.any_map import CAR, CRATE
-from tiles.test_build import check_states, random_workspace
+from tests.laws.any_map import CAR, CRATE
+from tests.tiles.test_build import check_states, random_workspace
 
 WRITE_EMPTY_CHUNKS = {"write_empty_chunks": True}
 

@@ -15,10 +15,10 @@ from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.store import Store
 from cspace.tiles.cache import ChunkCache
 from cspace.tiles.space import ONLY_IN_MEMORY
-from handmade import fill_boxes
-from laws.any_map import MAP_INPUTS
-from placements import draw_configurations
-from tiles.test_build import random_workspace
+from tests.handmade import fill_boxes
+from tests.laws.any_map import MAP_INPUTS
+from tests.placements import draw_configurations
+from tests.tiles.test_build import random_workspace
 
 
 def build_both(name, folder, outside="blocked", tile=7, seed=0, two=False):

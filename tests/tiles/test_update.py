@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import InputError
-from laws.any_map import CAR
-from tiles.test_build import check_states, random_workspace
+from tests.laws.any_map import CAR
+from tests.tiles.test_build import check_states, random_workspace
 
 
 @settings(max_examples=4)

@@ -7,8 +7,8 @@ import trimesh
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
-from laws.any_map import CAR
-from tiles.test_space import build_both
+from tests.laws.any_map import CAR
+from tests.tiles.test_space import build_both
 
 
 def draw_within(space, lower, upper, n, rng):

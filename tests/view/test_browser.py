@@ -17,9 +17,9 @@ import cspace
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
 from cspace.view import Viewer
 from cspace.view.scene import rgb
-from pages import node
-from urdfs import planar, posed_box
-from waiting import until
+from tests.pages import node
+from tests.urdfs import planar, posed_box
+from tests.waiting import until
 
 pytest.importorskip("viser")
 webdriver = pytest.importorskip("selenium.webdriver")

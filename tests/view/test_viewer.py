@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import cspace
-from commands import run
 from cspace.errors import InputError
 from cspace.view import Viewer
-from missing import output_without
-from pages import node, setting
-from refusals import refusals
-from waiting import until
+from tests.commands import run
+from tests.missing import output_without
+from tests.pages import node, setting
+from tests.refusals import refusals
+from tests.waiting import until
 
 pytest.importorskip("viser")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 from cspace.view.page import Worker
-from waiting import until
+from tests.waiting import until
 
 
 def test_worker_merges_requests_and_survives_errors() -> None:
