@@ -27,6 +27,7 @@ from cspace.export import vti
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
 from tests.maps import MAP_BUILDERS
+from tests.refusals import refusals
 
 states = hnp.arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)).filter(
     lambda state: bool((state == cspace.FREE).any())
@@ -167,16 +168,34 @@ def test_block_size_does_not_matter_and_too_many_triangles_are_refused(
     assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
 
 
-def test_a_map_without_a_boundary_is_refused(
+def full() -> cspace.CSpace:
+    """Build a map without FREE cells."""
+    return cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
+
+
+@refusals(
+    "make, suffix, rotation, message",
+    (full, ".stl", None, "the map has no FREE cell; a boundary needs at least one; build it with"),
+    (MAP_BUILDERS["plane"], ".ply", None, "a boundary is a mesh in space"),
+    (MAP_BUILDERS["solid"], ".stl", 0.5, "rotation has shape .*the robot does not turn"),
+    (MAP_BUILDERS["solid"], ".yaml", None, "a ROS map is plane"),
+    (MAP_BUILDERS["solid"], ".tif", None, "a GeoTIFF is plane"),
+    (MAP_BUILDERS["turning"], ".yaml", None, "rotation is missing"),
+    (MAP_BUILDERS["turning"], ".yml", None, "rotation is missing"),
+    (MAP_BUILDERS["turning"], ".npz", 1.0, "holds every slice"),
+    (MAP_BUILDERS["turning"], ".zarr", 1.0, "holds every slice"),
+)
+def test_export_refuses_unsuitable_maps(
+    tmp_path: Path, make: Callable[[], cspace.CSpace], suffix: str, rotation: float | None, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        make().export(tmp_path / f"map{suffix}", rotation=rotation)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_boundary_larger_than_memory_is_refused(
     tmp_path: Path, ball: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    full = cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
-    with pytest.raises(InputError, match=r"the map has no FREE cell; a boundary needs at least one; build it with"):
-        full.export(tmp_path / "free.stl")
-    with pytest.raises(InputError, match="a boundary is a mesh in space"):
-        MAP_BUILDERS["plane"]().export(tmp_path / "free.ply")
-    with pytest.raises(InputError, match=r"rotation has shape .*the robot does not turn"):
-        ball.export(tmp_path / "free.stl", rotation=0.5)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
     with pytest.raises(InputError, match=r"the boundary of the free space .* of memory; at most"):
         ball.export(tmp_path / "free.stl")
@@ -287,19 +306,6 @@ def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str)
     for unknown, expected in (("occupied", cspace.FREE), ("free", cspace.MIXED)):
         workspace = cspace.Workspace.from_ros_map(tmp_path / f"map{suffix}", unknown=unknown)
         np.testing.assert_array_equal(workspace.outer, space.states_at(yaw or ()) > expected)
-    if yaw is not None:
-        with pytest.raises(InputError, match="rotation is missing"):
-            space.export(tmp_path / f"other{suffix}")
-
-
-def test_a_ros_map_is_plane_and_a_whole_map_takes_no_yaw(tmp_path: Path, ball: cspace.CSpace) -> None:
-    with pytest.raises(InputError, match="a ROS map is plane"):
-        ball.export(tmp_path / "map.yaml")
-    with pytest.raises(InputError, match="a GeoTIFF is plane"):
-        ball.export(tmp_path / "map.tif")
-    for suffix in (".npz", ".zarr"):
-        with pytest.raises(InputError, match="holds every slice"):
-            MAP_BUILDERS["turning"]().export(tmp_path / f"map{suffix}", rotation=1.0)
 
 
 # ---- GeoTIFF and netCDF, as GDAL reads them --------------------------------------------------------------------------

@@ -136,21 +136,29 @@ def test_objective_weights_length_by_the_overlap(case: tuple[CSpace, FourierOver
             )
 
 
-def test_fields_and_objectives_refuse_other_maps_and_values(
-    case: tuple[CSpace, FourierOverlap], field: OverlapField
+@refusals(
+    "options, message",
+    ({"weight": -1.0}, "weight is -1"),
+    ({"saturation": 0.0}, "saturation is 0"),
+    ({"turning_radius": 1.0}, "turning_radius"),
+)
+def test_overlap_objective_refuses_invalid_options(
+    case: tuple[CSpace, FourierOverlap], field: OverlapField, options: dict[str, float], message: str
 ) -> None:
+    space, _ = case
+    with pytest.raises(InputError, match=message):
+        planners.OverlapObjective(planners.simple_setup(space).getSpaceInformation(), space, field, **options)
+
+
+def test_overlap_objective_refuses_the_field_of_another_map(case: tuple[CSpace, FourierOverlap]) -> None:
     space, overlap = case
-    si = planners.simple_setup(space).getSpaceInformation()
-    other = build(space.workspace, space.robot, rotations=None)
+    other = OverlapField.of(build(space.workspace, space.robot, rotations=None), overlap)
     with pytest.raises(InputError, match="another map"):
-        planners.OverlapObjective(si, space, OverlapField.of(other, overlap))
-    for options in ({"weight": -1.0}, {"saturation": 0.0}, {"turning_radius": 1.0}):
-        with pytest.raises(InputError):
-            planners.OverlapObjective(si, space, field, **options)
-    with pytest.raises(InputError, match="fields are penetration;"):
-        OverlapField(space, {"penetration": field.values})
-    with pytest.raises(InputError, match="shape"):
-        OverlapField(space, {**field.arrays, "penetration_x": np.zeros(3)})
+        planners.OverlapObjective(planners.simple_setup(space).getSpaceInformation(), space, other)
+
+
+def test_fields_refuse_invalid_overlaps(case: tuple[CSpace, FourierOverlap]) -> None:
+    space, _ = case
     flat = ([[0.0] * (5 - space.grid.dim)], 0.2)
     with pytest.raises(InputError, match="must agree"):
         OverlapField.of(space, FourierOverlap(flat, flat, band=5.0))
