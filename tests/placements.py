@@ -5,7 +5,7 @@ import shapely
 
 from cspace import MIXED
 from tests.handmade import configurations
-from tests.soak.plane import Shape, frame, union_of_cells
+from tests.soak.plane import Shape, surround_grid, unite_cells
 
 ORACLE_BAND = 1e-6
 """Distance from contact, in metres, within which oracles decide nothing."""
@@ -55,10 +55,10 @@ def obstacles_of(space):
     """Unite the closed obstacles, and the exterior if it is blocked."""
     box = shapely.box(*space.grid.lower, *space.grid.upper)
     if space.workspace.shapes is None:
-        parts = [union_of_cells(space.workspace.outer, space.grid)]
+        parts = [unite_cells(space.workspace.outer, space.grid)]
     else:
         parts = [part.intersection(box) for shape in space.workspace.shapes for part in shape.geometries]
-    shape = shapely.union_all([*parts, *([frame(space.grid, 100.0)] if space.outside == "blocked" else [])])
+    shape = shapely.union_all([*parts, *([surround_grid(space.grid, 100.0)] if space.outside == "blocked" else [])])
     shapely.prepare(shape)
     return shape
 

@@ -57,7 +57,7 @@ def within(low: Any, high: Any, sides: Any, at: Any, turn: Any) -> float:
     return float(np.minimum(corners - low, np.asarray(high) - corners).min())
 
 
-def turn_of(q: Any) -> Any:
+def rotation_of(q: Any) -> Any:
     """Return the rotation of a configuration in space."""
     return Rotation.from_quat(q[3:]) if len(q) == 7 else Rotation.from_rotvec([0.0, 0.0, q[3] if len(q) > 3 else 0.0])
 
@@ -99,6 +99,6 @@ class ArmOracle:
         return least
 
 
-def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
+def sample_configurations(arm: Arm, rng: np.random.Generator, count: int) -> Any:
     """Draw configurations of an arm, within one turn of joints without limits."""
     return rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))

@@ -78,7 +78,7 @@ def robot_suffixes() -> list[str]:
 
 @pytest.fixture(scope="module")
 def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    made: dict[str, Path] = soak.families(tmp_path_factory.mktemp("families"))
+    made: dict[str, Path] = soak.write_families(tmp_path_factory.mktemp("families"))
     return made
 
 

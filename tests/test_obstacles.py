@@ -222,7 +222,7 @@ def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
         numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[space.size]
         q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
         for one, free in zip(q, space.is_free(q, exact=True), strict=True):
-            placed = one[:3], solids.turn_of(one).as_matrix()
+            placed = one[:3], solids.rotation_of(one).as_matrix()
             gap = solids.apart(solids.box(size, *placed), there)
             gap = min(gap or -np.inf, solids.within(0.0, 2.4, size, *placed))
             if abs(gap) > 1e-4:

@@ -53,7 +53,7 @@ def joint(
     )
 
 
-def written(folder: Path, *parts: str) -> Path:
+def write_urdf(folder: Path, *parts: str) -> Path:
     """Write a URDF file of links and joints."""
     path = folder / "arm.urdf"
     path.write_text(f'<robot name="small">{"".join(parts)}</robot>')
@@ -63,7 +63,7 @@ def written(folder: Path, *parts: str) -> Path:
 def planar(folder: Path, **changes: Any) -> Path:
     """Write an arm of two links of 1 m in the plane z = 0."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
-    return written(
+    return write_urdf(
         folder,
         link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))),
         link("upper", bar),
@@ -88,7 +88,7 @@ def two_arms(folder: Path) -> Path:
             parts.append(link(f"{side}_{n}", bar))
             limits = (-3.0, 3.0) if n % 2 == 0 else (-1.9, 1.9)
             parts.append(joint(f"{side}_joint_{n}", parent, f"{side}_{n}", at, axes[n % 4], limits=limits))
-    return written(folder, *parts)
+    return write_urdf(folder, *parts)
 
 
 def random_arm(folder: Path, seed: int) -> Path:
@@ -109,7 +109,7 @@ def random_arm(folder: Path, seed: int) -> Path:
         axis /= np.linalg.norm(axis)
         at, rpy = rng.uniform(-0.6, 0.6, 3).round(3), rng.uniform(-2, 2, 3).round(3)
         parts.append(joint(f"j{n}", f"l{n}", f"l{n + 1}", at, axis, str(kinds[n]), limits, rpy, mimic))
-    return written(folder, *parts)
+    return write_urdf(folder, *parts)
 
 
 def _text(numbers: Any) -> str:

@@ -24,7 +24,7 @@ from cspace.spectral import (
     minkowski_sum,
     superlevel,
 )
-from tests.soak.frequency import POOL, Body, oracle, overlap_of, pool_body, random_turn
+from tests.soak.frequency import POOL, Body, compute_overlap, draw_pool_body, draw_rotation_matrix, oracle
 
 Complexes = NDArray[np.complex128]
 
@@ -220,7 +220,9 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
 def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> None:
     """Compare overlaps and gradients in a batch with single calls."""
     tolerance = 0.1 if report.quick else 1e-3
-    overlap = overlap_of(pool_body(seed, 0, dim), [pool_body(seed, 1, dim)], 0.5, 8, Bump(2.0), tolerance, inner=False)
+    overlap = compute_overlap(
+        draw_pool_body(seed, 0, dim), [draw_pool_body(seed, 1, dim)], 0.5, 8, Bump(2.0), tolerance, inner=False
+    )
     number = PLACEMENT_COUNT // 10 if report.quick else PLACEMENT_COUNT
     single = min(number, SINGLE_PLACEMENTS[dim] // 20 if report.quick else SINGLE_PLACEMENTS[dim])
     where = "in the plane" if dim == 2 else "in space"
@@ -249,7 +251,7 @@ def _misses(report: Report, seed: int, dim: int) -> None:
         parts: dict[bool, list[Floats]] = {True: [], False: []}
         clear, sizes, wrong = 0, [], 0
         for body, others, ts, meets in scenes:
-            overlap = overlap_of(body, others, share, 8, Bump(2.0), 1e-3, inner=False)
+            overlap = compute_overlap(body, others, share, 8, Bump(2.0), 1e-3, inner=False)
             sizes.append(overlap.frequencies)
             low, high = overlap.domain
             # Beyond this distance the bodies cannot overlap, and no frequency is used.
@@ -280,13 +282,13 @@ def _misses(report: Report, seed: int, dim: int) -> None:
 
 def _scene(seed: int, dim: int, rng: np.random.Generator) -> tuple[Body, list[Body], Floats, Bools]:
     """Draw a body, obstacles at 10 % of the placements, placements, and collisions."""
-    body = pool_body(seed, int(rng.integers(POOL)), dim).place(1.0, random_turn(rng, dim), np.zeros(dim))
+    body = draw_pool_body(seed, int(rng.integers(POOL)), dim).place(1.0, draw_rotation_matrix(rng, dim), np.zeros(dim))
     ts = rng.uniform(0.0, PLACEMENT_SIDES[dim], (SCENE_PLACEMENTS, dim))
     others: list[Body] = []
     meets = np.zeros(len(ts), dtype=np.bool_)
     while meets.mean() < 0.1:
-        another = pool_body(seed, int(rng.integers(POOL)), dim)
-        away = float(rng.uniform(0.5, 1.2)), random_turn(rng, dim), rng.uniform(0.0, PLACEMENT_SIDES[dim], dim)
+        another = draw_pool_body(seed, int(rng.integers(POOL)), dim)
+        away = float(rng.uniform(0.5, 1.2)), draw_rotation_matrix(rng, dim), rng.uniform(0.0, PLACEMENT_SIDES[dim], dim)
         others.append(another.place(*away))
         meets |= oracle(body, others[-1:], np.eye(dim))(ts)
     return body, others, ts, meets

@@ -17,7 +17,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
 from cspace.arrays import Floats
-from tests.soak.plane import place_polygon, union_of_cells
+from tests.soak.plane import place_polygon, unite_cells
 
 Query = tuple[Floats, Floats]
 
@@ -136,7 +136,7 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
 def _polygons(workspace: Workspace) -> tuple[Any, float]:
     """Return the prepared obstacles and the time of preparation, seconds."""
     began = time.perf_counter()
-    obstacles = union_of_cells(workspace.outer, workspace.grid)
+    obstacles = unite_cells(workspace.outer, workspace.grid)
     shapely.prepare(obstacles)
     return obstacles, time.perf_counter() - began
 

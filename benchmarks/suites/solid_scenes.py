@@ -26,7 +26,7 @@ from benchmarks.report import Report
 from benchmarks.suites.planning_peers import PlanningPeer, Query, far_apart
 from cspace import CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arrays import Bools, Floats, Ints
-from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merged_cells
+from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merge_cells
 
 FCL_CONFIGURATIONS = 2000
 """Number of configurations on which FCL's models are timed and the map is compared with FCL."""
@@ -227,7 +227,7 @@ def building(report: Report, rng: np.random.Generator, number: int, turns: bool,
         return
     half, workspace = 0.5 * np.array(DRONE), Workspace.from_octomap(path, unknown)
     grid, body = workspace.grid, Blocks.boxes([[-half, half]])
-    boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merged_cells(workspace.outer))
+    boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merge_cells(workspace.outer))
     models = {"triangles of merged boxes": boxes.to_surface().model, "octree": partial(octree, workspace.outer, grid)}
     queries = partial(far_apart, number=number, rng=rng)
     name = f"{BUILDING}, unknown cells {unknown}"

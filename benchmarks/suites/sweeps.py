@@ -20,7 +20,7 @@ from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.engines import ENGINES, choose_engine
-from tests.soak.solids import merged_cells
+from tests.soak.solids import merge_cells
 
 Checker = Callable[[Floats, float], Bools]
 
@@ -203,7 +203,7 @@ def _sample(
     """Time checkers on a sample of cells, and compare them with the map."""
     robot = Robot.disc(radius) if workspace.grid.dim == 2 else Robot.ball(radius)
     occupied = workspace.outer
-    boxes = merged_cells(occupied.reshape(occupied.shape + (1,) * (3 - occupied.ndim)))
+    boxes = merge_cells(occupied.reshape(occupied.shape + (1,) * (3 - occupied.ndim)))
     ready = {
         name: make(boxes) for name, (package, make, dims) in LIBRARIES.items() if _is_used(package, dims, occupied)
     }

@@ -13,7 +13,7 @@ from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import Chain, motion_bounds
 from cspace.arms.hulls import MAX_TRIANGLES_PER_TILE, build_forest, node_corners
 from cspace.shapes import Mesh, Shape
-from tests.urdfs import joint, link, pose_at, posed_box, random_arm, written
+from tests.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 POSE = np.vstack([np.c_[ROTATION, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])
@@ -87,7 +87,7 @@ def write_chain(folder: Path, last: str) -> Path:
     """Write three links of 1 m."""
     bar = ((1.0, 0.0001, 0.0001), (0.5, 0, 0))
     axis = {"prismatic": (0, 1, 0), "revolute": (0, 0, 1)}[last]
-    return written(
+    return write_urdf(
         folder,
         *(link(name, bar) for name in "abc"),
         joint("one", "a", "b", at=(1, 0, 0)),
@@ -159,7 +159,7 @@ def test_long_motions_never_miss_a_ball(tmp_path: Path, seed: int) -> None:
 def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path, other: str) -> None:
     """Rotate a bar past a wall; solve the distance by hand."""
     kind = {"slides": "prismatic", "turns": "continuous"}[other]
-    path = written(
+    path = write_urdf(
         tmp_path,
         link("base"),
         link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0))),
@@ -177,7 +177,7 @@ def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path, other: str
 def test_many_turns_prove_nothing_below_their_rounding(tmp_path: Path) -> None:
     """Test 10^9 turns, whose rounding is 1e-7 rad."""
     bar = link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0)))
-    arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous")))
+    arm = Arm.from_urdf(write_urdf(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous")))
     space = build_arm_space({"wall": posed_box((0.4, 0.1, 1.0), 0.5, 0.01 + 1e-8 + 0.05)}, arm)
     assert space.is_free((0.0,))
     assert not space.is_free((2e9 * np.pi,))
@@ -186,7 +186,9 @@ def test_many_turns_prove_nothing_below_their_rounding(tmp_path: Path) -> None:
 def test_ball_inside_a_ring_body_collides(tmp_path: Path) -> None:
     """Put a ball into a ring, and into its hole."""
     arm = Arm.from_urdf(
-        written(tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm", axis=(0, 1, 0)))
+        write_urdf(
+            tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm", axis=(0, 1, 0))
+        )
     )
     held = arm.attach("ring", mesh(trimesh.creation.annulus(0.5, 1.5, 1.0)), "arm")
     for x, is_free in ((1.0, False), (0.0, True)):
@@ -202,7 +204,7 @@ def test_flat_plate_is_free_in_its_window(tmp_path: Path) -> None:
     corners = [(0.0, s * y, s * z) for s in (1.0, 0.4) for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     faces = [face for k in range(4) for n in ((k + 1) % 4,) for face in ((k, n, 4 + n), (k, 4 + n, 4 + k))]
     bar = link("arm", ((1.0, 0.1, 0.1), (0.5, 0, 0)))
-    arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm")))
+    arm = Arm.from_urdf(write_urdf(tmp_path, link("base"), bar, joint("turn", "base", "arm")))
     space = build_arm_space({"plate": PosedShape(Mesh(corners, faces, solid="surface"), pose_at(0.5, 0.0))}, arm)
     assert space.obstacle_distance((0.0,)) == pytest.approx(0.35)
     assert space.motion_is_free((-0.4,), (0.4,))

@@ -21,7 +21,7 @@ from tests.arms.test_space import scene
 from tests.maps import proven_paths
 from tests.refusals import refusals
 from tests.soak.plane import place_polygon
-from tests.urdfs import joint, link, planar, posed_box, written
+from tests.urdfs import joint, link, planar, posed_box, write_urdf
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres."""
@@ -148,7 +148,7 @@ def test_joint_map_supports_all_queries(tmp_path: Path) -> None:
 
 def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) -> None:
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
-    path = written(
+    path = write_urdf(
         tmp_path,
         link("foot"),
         link("bar", bar),
@@ -173,7 +173,7 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) ->
 def periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
     """Build two bars on a continuous shoulder among posts."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
-    path = written(
+    path = write_urdf(
         folder,
         *(link(name, bar) for name in ("upper", "fore")),
         link("foot", ((0.02, 0.02, 0.02), (0, 0, -1.0))),
@@ -297,7 +297,7 @@ def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     follows = '<mimic joint="one" multiplier="{}"/>'
     for factor, good in (("0.5", False), ("-2", True)):
-        path = written(
+        path = write_urdf(
             tmp_path,
             *(link(name, bar) for name in "abcd"),
             joint("one", "a", "b", at=(1, 0, 0), limits=None, kind="continuous"),
@@ -329,7 +329,7 @@ def test_build_joint_map_refuses_invalid_arguments(tmp_path: Path, options: dict
 
 def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:
     bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
-    path = written(
+    path = write_urdf(
         tmp_path,
         *(link(name, bar) for name in "abcde"),
         *(joint(f"{k}", "abcde"[k], "abcde"[k + 1], at=(1, 0, 0)) for k in range(4)),
@@ -347,7 +347,7 @@ def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:
 def test_joint_with_equal_limits_is_held(tmp_path: Path) -> None:
     """Keep the joint at its value; maps omit it."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
-    path = written(
+    path = write_urdf(
         tmp_path,
         *(link(name, bar) for name in "abc"),
         joint("one", "a", "b", at=(1, 0, 0), limits=(0.3, 0.3)),

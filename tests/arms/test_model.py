@@ -14,7 +14,7 @@ from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
 from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, random_arm, written
+from tests.urdfs import joint, link, planar, random_arm, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
@@ -34,7 +34,7 @@ def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> No
 
 def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
     """Hold other joints at zero or their nearest limit."""
-    path = written(
+    path = write_urdf(
         tmp_path,
         *(link(name, BAR) for name in "abcd"),
         joint("one", "a", "b", at=(1, 0, 0)),
@@ -57,7 +57,7 @@ def test_equal_links_share_one_object(tmp_path: Path) -> None:
 
     def parts_of(length: float) -> list[PosedShape]:
         box = ((length, 0.1, 0.1), (0.5, 0, 0))
-        path = written(tmp_path, link("a", BAR), link("b", box), joint("one", "a", "b", at=(2, 0, 0)))
+        path = write_urdf(tmp_path, link("a", BAR), link("b", box), joint("one", "a", "b", at=(2, 0, 0)))
         return [part for each in Arm.from_urdf(path).links for part in each.parts]
 
     first, second, other = parts_of(0.9), parts_of(0.9), parts_of(0.8)
@@ -74,7 +74,7 @@ def test_equal_links_share_one_object(tmp_path: Path) -> None:
 
 def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None:
     """Include links connected over a link without geometry."""
-    path = written(
+    path = write_urdf(
         tmp_path,
         link("a", BAR),
         link("bare"),
@@ -96,7 +96,7 @@ def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None
 
 
 def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_path: Path) -> None:
-    path = written(
+    path = write_urdf(
         tmp_path, *(link(name, BAR) for name in "ab"), link("bare"), joint("one", "a", "b"), joint("two", "b", "bare")
     )
     srdf = tmp_path / "arm.srdf"
@@ -121,7 +121,7 @@ def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_p
 
 def test_srdf_groups_states_and_end_effectors_are_read(tmp_path: Path) -> None:
     """Read states of two groups with one name."""
-    path = written(
+    path = write_urdf(
         tmp_path,
         *(link(name, BAR) for name in "abcdef"),
         joint("one", "a", "b"),
@@ -180,7 +180,7 @@ def test_named_configurations_agree_with_pinocchio(data: Path, name: str) -> Non
 
 def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> None:
     """Include distant links whose bodies are adjacent."""
-    path = written(
+    path = write_urdf(
         tmp_path,
         link("base", BAR),
         link("sleeve", ((1.0, 0.3, 0.3), (0.5, 0, 0))),
@@ -226,7 +226,7 @@ def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
     trimesh.creation.box((2.0, 0.1, 0.1)).export(mesh)
     (tmp_path / "urdf").mkdir()
     extra = '<collision><geometry><mesh filename="package://arm/meshes/bar.stl"/></geometry></collision>'
-    path = written(tmp_path / "urdf", link("a", BAR), link("b", extra=extra), joint("one", "a", "b"))
+    path = write_urdf(tmp_path / "urdf", link("a", BAR), link("b", extra=extra), joint("one", "a", "b"))
     with pytest.raises(FileError, match=r"pass package_dirs=FOLDER"):
         Arm.from_urdf(path)
     arm = Arm.from_urdf(path, package_dirs=tmp_path / "ws")
@@ -240,7 +240,7 @@ OPEN_MESH = '<collision><geometry><mesh filename="open.stl"/></geometry></collis
 def arm_with_open_mesh(folder: Path) -> Path:
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(folder / "open.stl")
-    return written(folder, link("a", BAR), link("b", extra=OPEN_MESH), joint("one", "a", "b"))
+    return write_urdf(folder, link("a", BAR), link("b", extra=OPEN_MESH), joint("one", "a", "b"))
 
 
 def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: Path) -> None:
@@ -277,7 +277,7 @@ def test_warnings_of_open_shapes_name_what_makes_surfaces_of_them(tmp_path: Path
 
 
 def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> None:
-    path = written(
+    path = write_urdf(
         tmp_path, link("a", BAR), link("b", ((2, 2, 2), (9, 0, 0))), joint("one", "a", "b", limits=(-0.01, 0.01))
     )
     inside = PosedShape(Robot.ball(0.1).shape, np.array([[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
@@ -292,12 +292,12 @@ def chain_of_three(folder: Path, leader: str) -> Path:
     mimics = ["", f'<mimic joint="{leader}"/>', '<mimic joint="one"/>' if leader == "three" else ""]
     joints = zip(("one", "two", "three"), "abc", "bcd", mimics, strict=True)
     links = (link(name, BAR) for name in "abcd")
-    return written(folder, *links, *(joint(name, a, b, extra=mimic) for name, a, b, mimic in joints))
+    return write_urdf(folder, *links, *(joint(name, a, b, extra=mimic) for name, a, b, mimic in joints))
 
 
 def with_mesh(folder: Path) -> Path:
     mesh = '<collision><geometry><mesh filename="package://arm/meshes/lost.stl"/></geometry></collision>'
-    return written(folder, link("a", BAR), link("b", extra=mesh), joint("one", "a", "b"))
+    return write_urdf(folder, link("a", BAR), link("b", extra=mesh), joint("one", "a", "b"))
 
 
 @refusals(
@@ -327,7 +327,12 @@ def with_mesh(folder: Path) -> Path:
     (chain_of_three, {"leader": "one", "base": "b"}, InputError, "mimics 'one'; that joint is not below the base 'b'"),
     (chain_of_three, {"leader": "three"}, InputError, "mimics 'three'; that joint mimics another one itself"),
     (with_mesh, {}, FileError, "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"),
-    (lambda folder: written(folder, link("a"), link("b"), joint("one", "a", "b")), {}, InputError, "no collision geom"),
+    (
+        lambda folder: write_urdf(folder, link("a"), link("b"), joint("one", "a", "b")),
+        {},
+        InputError,
+        "no collision geom",
+    ),
 )
 def test_from_urdf_refuses_invalid_files_and_links(
     tmp_path: Path, write: Any, options: dict[str, Any], error: Any, message: str

@@ -12,8 +12,8 @@ from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import InputError
 from cspace.shapes import Mesh, Voxels
 from tests.refusals import refusals
-from tests.solids import ArmOracle, ball, box, sampled
-from tests.urdfs import joint, link, planar, pose_at, random_arm, written
+from tests.solids import ArmOracle, ball, box, sample_configurations
+from tests.urdfs import joint, link, planar, pose_at, random_arm, write_urdf
 
 H = 0.2
 SIDE = 10
@@ -49,7 +49,7 @@ def test_grids_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     inner = outer & (rng.random(outer.shape) < 0.5)
     space = only_obstacles(Workspace.from_array(outer, H, LOWER, inner=inner), arm)
     around, within = (oracle(path, arm, cell_boxes(cells)) for cells in (outer, inner))
-    points = sampled(arm, rng, 40)
+    points = sample_configurations(arm, rng, 40)
     states = np.asarray(space.classify(points))
     assert set(states.tolist()) >= {FREE, BLOCKED}
     for q, state in zip(points, states.tolist(), strict=True):
@@ -78,7 +78,7 @@ def test_rotated_cells_agree_with_fcl(tmp_path: Path, moved: str) -> None:
     else:
         space = only_obstacles({"cells": shape}, arm, "cells", base_pose=np.linalg.inv(pose))
     around = oracle(path, arm, cell_boxes(cells, pose))
-    points = sampled(arm, rng, 40)
+    points = sample_configurations(arm, rng, 40)
     free = np.asarray(space.is_free(points))
     np.testing.assert_array_equal(free, [around.apart(q) > 1e-6 for q in points])
     np.testing.assert_array_equal(np.asarray(space.classify(points)) == BLOCKED, ~free)
@@ -92,7 +92,7 @@ def test_clouds_agree_with_fcl(tmp_path: Path, radius: float) -> None:
     points = rng.uniform(-1.0, 1.0, (60, 3))
     space = only_obstacles(Workspace.from_points(points, 0.5, radius=radius), arm)
     around = oracle(path, arm, [ball(max(radius, 1e-9), point) for point in points])
-    for q in sampled(arm, rng, 40):
+    for q in sample_configurations(arm, rng, 40):
         apart, state = around.apart(q), space.classify(q)
         assert (state == FREE) == (apart > 1e-6)
         assert state != BLOCKED or apart == 0.0
@@ -102,7 +102,7 @@ def test_clouds_agree_with_fcl(tmp_path: Path, radius: float) -> None:
 
 def tip_arm(folder: Path, size: float) -> Arm:
     return Arm.from_urdf(
-        written(folder, link("base"), link("tip", ((size,) * 3, (5, 0, 0))), joint("turn", "base", "tip"))
+        write_urdf(folder, link("base"), link("tip", ((size,) * 3, (5, 0, 0))), joint("turn", "base", "tip"))
     )
 
 

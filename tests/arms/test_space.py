@@ -13,8 +13,8 @@ from cspace import BLOCKED, FREE, MIXED, Robot
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from tests.refusals import refusals
-from tests.solids import ArmOracle, box, sampled
-from tests.urdfs import joint, link, planar, pose_at, posed_box, random_arm, written
+from tests.solids import ArmOracle, box, sample_configurations
+from tests.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
 
 
 def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Generator]:
@@ -38,7 +38,7 @@ def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Gen
 @pytest.mark.parametrize("seed", range(3))
 def test_states_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     space, oracle, rng = scene(tmp_path, seed)
-    points = sampled(space.arm, rng, 60)
+    points = sample_configurations(space.arm, rng, 60)
     apart = np.array([oracle.apart(q) for q in points])
     states = np.asarray(space.classify(points))
     assert (apart[states == FREE] > 0.0).all()
@@ -112,7 +112,7 @@ def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
 def test_folding_links_collide(tmp_path: Path) -> None:
     """Fold three links until the first and the last touch."""
     bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
-    path = written(
+    path = write_urdf(
         tmp_path,
         *(link(name, bar) for name in ("a", "b", "c")),
         joint("one", "a", "b", at=(1, 0, 0)),
@@ -129,7 +129,9 @@ def test_folding_links_collide(tmp_path: Path) -> None:
 def test_containment_is_never_free(tmp_path: Path, swapped: bool) -> None:
     """Put an obstacle into a link, and a link into an obstacle."""
     size = 0.1 if swapped else 2.0
-    path = written(tmp_path, link("base"), link("tip", ((size, size, size), (5, 0, 0))), joint("turn", "base", "tip"))
+    path = write_urdf(
+        tmp_path, link("base"), link("tip", ((size, size, size), (5, 0, 0))), joint("turn", "base", "tip")
+    )
     other = 2.1 - size
     space = build_arm_space({"thing": posed_box((other,) * 3, 5, 0, 0)}, Arm.from_urdf(path))
     assert space.classify((0.0,)) == BLOCKED
@@ -213,7 +215,7 @@ def test_motions_never_miss_a_thin_obstacle(tmp_path: Path, seed: int) -> None:
     empty, rng = build_arm_space(away, arm, allowed_collisions=touch), np.random.default_rng(seed)
     for each in arm.links[1:]:
         for _ in range(12):
-            q0, q1 = sampled(arm, rng, 2)
+            q0, q1 = sample_configurations(arm, rng, 2)
             part = each.parts[int(rng.integers(len(each.parts)))]
             low, high = part.shape.outer.bounds
             point = part.pose[:3, :3] @ rng.uniform(low, high) + part.pose[:3, 3]
@@ -259,7 +261,7 @@ def test_queries_beyond_a_limit_hold_for_the_given_configuration(tmp_path: Path)
     """Extend a rod to 1e-6 m before a wall."""
     rod = link("rod", ((1.0, 0.1, 0.1), (0, 0, 0)))
     slide = joint("slide", "foot", "rod", axis=(1, 0, 0), kind="prismatic", limits=(-0.5, 0.5))
-    path = written(tmp_path, link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), rod, slide)
+    path = write_urdf(tmp_path, link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), rod, slide)
     wall = posed_box((1.0, 1.0, 1.0), 1.5 + 1e-6, 0, 0)
     space = build_arm_space({"wall": wall}, Arm.from_urdf(path))
     assert space.is_free((0.5,))

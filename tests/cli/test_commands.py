@@ -266,7 +266,7 @@ def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
     links = urdfs.link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), urdfs.link("upper", bar), urdfs.link("fore", bar)
     for name, make in (
         ("turning", lambda: urdfs.planar(folder)),
-        ("mixed", lambda: urdfs.written(folder, *links, urdfs.joint("shoulder", "foot", "upper"), sliding)),
+        ("mixed", lambda: urdfs.write_urdf(folder, *links, urdfs.joint("shoulder", "foot", "upper"), sliding)),
     ):
         post = trimesh.creation.box((0.2, 0.2, 4.0)).apply_translation((1.4, 1.2, 0.0))
         space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(make()))
@@ -300,7 +300,7 @@ def arm_file(tmp_path: Path) -> Path:
         urdfs.joint("elbow", "upper", "fore", at=(1, 0, 0), kind="continuous", limits=None),
         urdfs.joint("slide_out", "fore", "tool", at=(1, 0, 0), kind="prismatic", limits=(0.0, 0.3)),
     )
-    return urdfs.written(tmp_path, *links, *joints)
+    return urdfs.write_urdf(tmp_path, *links, *joints)
 
 
 def test_info_describes_joints_links_and_pairs_of_an_arm(arm_file: Path, tmp_path: Path) -> None:
@@ -331,7 +331,7 @@ def test_info_warns_of_open_meshes_of_an_arm(tmp_path: Path) -> None:
     box.export(tmp_path / "open.stl")
     mesh = '<collision><geometry><mesh filename="open.stl"/></geometry></collision>'
     links = urdfs.link("foot", extra=mesh), urdfs.link("upper", ((1.0, 0.1, 0.1), (0, 0, 0)))
-    path = urdfs.written(tmp_path, *links, urdfs.joint("shoulder", "foot", "upper", at=(2, 0, 0)))
+    path = urdfs.write_urdf(tmp_path, *links, urdfs.joint("shoulder", "foot", "upper", at=(2, 0, 0)))
     assert "--solid surface" in run("info", path).stderr
     assert not run("info", path, "--solid", "surface").stderr
 

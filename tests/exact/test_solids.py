@@ -18,7 +18,7 @@ from cspace.shapes.mesh import Mesh
 from tests.handmade import fill_boxes, map_in
 from tests.placements import ORACLE_BAND, draw_near_mixed
 from tests.soak.solids import Blocks, Pair, Walls
-from tests.solids import surface, turn_of
+from tests.solids import rotation_of, surface
 from tests.strategies import seeds
 
 # ---- oracles ---------------------------------------------------------------------------------------------------------
@@ -414,18 +414,18 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
     rotations = rng.uniform(-9.0, 9.0, (150, 1)) if turns == "yaw" else Rotation.random(150, random_state=1).as_quat()
     q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rotations])
     free = space.is_free(q0, exact=True)
-    true = gaps(q0[:, :3], np.array([turn_of(q).as_matrix() for q in q0]))
+    true = gaps(q0[:, :3], np.array([rotation_of(q).as_matrix() for q in q0]))
     decided = np.abs(true) > ORACLE_BAND
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
     proven, t = 0, np.linspace(0.0, 1.0, 500)
     for first in q0[free][:16]:
         turn = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
-        step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * turn_of(first)
+        step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * rotation_of(first)
         last = [first[3] + turn[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
         answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
         shares = (t if answer else t[::9])[:, None]
-        turned = Rotation.from_rotvec(shares * turn) * turn_of(first)
+        turned = Rotation.from_rotvec(shares * turn) * rotation_of(first)
         smallest = gaps(first[:3] + shares * step, turned.as_matrix()).min()
         assert smallest > 0.0 if answer else smallest < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
         proven += answer
@@ -459,7 +459,7 @@ def test_rotation_jumps_of_ompl_count_as_whole_arcs():
         np.array([x, 50.0, 50.0, 0.0, 0.0, math.sin(a), math.cos(a)]) for x, a in zip((1.0, 8.0), angles, strict=True)
     )
     tip, rotations = np.array([0.0, -1000.0, 0.0]), cspace.Rotations.quaternions(1)
-    ball = turn_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
+    ball = rotation_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
     workspace = Workspace.from_balls([ball], 0.004, 100.0, (0, 0, 0, 1200, 100, 100))
     robot = Robot.ball(0.004, tip)
     slice_of = rotations._slices_for(robot.shape)

@@ -33,7 +33,7 @@ from tests.soak import files as soak
 
 @pytest.fixture(scope="module")
 def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    files: dict[str, Path] = soak.families(tmp_path_factory.mktemp("families"))
+    files: dict[str, Path] = soak.write_families(tmp_path_factory.mktemp("families"))
     return files
 
 
@@ -41,7 +41,7 @@ def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[s
     outcomes: Counter[str] = Counter()
     for name, path in families.items():
         assert soak.attempt(path) == "opened", name
-        outcomes += soak.attempts(7, families, name, 0, 12)
+        outcomes += soak.count_outcomes(7, families, name, 0, 12)
     assert set(outcomes) == {"opened", "refused"}
 
 
@@ -438,7 +438,7 @@ def test_codecs_are_never_imported_by_name(tmp_path: Path, families: dict[str, P
     shutil.copytree(families["forged.zarr"], path)
     described = json.loads((path / "cell_states" / "zarr.json").read_text())
     described["codecs"].append({"name": "of_a_plug_in"})
-    soak.forge_store(path, soak.parts_of(path), "cell_states/zarr.json", json.dumps(described).encode())
+    soak.forge_store(path, soak.read_parts(path), "cell_states/zarr.json", json.dumps(described).encode())
     with pytest.raises(FileError, match=r"cell_states: is encoded with .*of_a_plug_in"):
         cspace.open(path)
 

@@ -7,7 +7,7 @@ import pytest
 from cspace import Arm, FileError, Robot, Workspace
 from cspace.files.formats import WORKSPACE_FORMATS
 from cspace.robot import _files as robot_files
-from tests.urdfs import joint, link, written
+from tests.urdfs import joint, link, write_urdf
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 
@@ -35,7 +35,7 @@ def test_pointers_are_refused_with_the_command_that_fetches_the_file(tmp_path, n
 def test_a_pointer_named_by_a_urdf_is_refused(tmp_path):
     (tmp_path / "part.stl").write_text(POINTER)
     mesh = '<collision><geometry><mesh filename="part.stl"/></geometry></collision>'
-    urdf = written(tmp_path, link("a", ((1, 1, 1), (0, 0, 0))), link("b", extra=mesh), joint("j", "a", "b"))
+    urdf = write_urdf(tmp_path, link("a", ((1, 1, 1), (0, 0, 0))), link("b", extra=mesh), joint("j", "a", "b"))
     with pytest.raises(FileError, match=r"part.stl: is a git-lfs pointer"):
         Arm.from_urdf(urdf)
     with pytest.raises(FileError, match=r"part.stl: is a git-lfs pointer"):

@@ -14,7 +14,7 @@ from cspace import ArmSpace, InputError
 from cspace.arms import Arm, build_arm_space
 from planners.states import kind_of
 from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, post, written
+from tests.urdfs import joint, link, planar, post, write_urdf
 
 pytest.importorskip("yourdfpy")
 
@@ -80,7 +80,7 @@ def test_a_joint_mimicked_by_half_is_not_periodic(
     # One turn moves the other joint, so a plan keeps the numbers of its endpoints.
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     follows = '<mimic joint="one" multiplier="0.5"/>'
-    path = written(
+    path = write_urdf(
         tmp_path,
         *(link(name, bar) for name in "abc"),
         joint("one", "a", "b", at=(1, 0, 0), limits=None, kind="continuous"),

@@ -15,7 +15,7 @@ from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
 from tests.planning import ENDPOINTS, SPACES, room
-from tests.urdfs import joint, link, planar, post, written
+from tests.urdfs import joint, link, planar, post, write_urdf
 
 LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 1.0}
 
@@ -101,7 +101,7 @@ def test_joints_named_x_and_y_give_no_pose(tmp_path: Path) -> None:
     box = ((0.1, 0.1, 0.1), (0, 0, 0))
     parts = link("foot", ((0.1, 0.1, 0.1), (0, 0, -1))), link("rail"), link("head", box)
     rails = joint("x", "foot", "rail", axis=(1, 0, 0), **slides), joint("y", "rail", "head", axis=(0, 1, 0), **slides)
-    space = build_arm_space({}, Arm.from_urdf(written(tmp_path, *parts, *rails)))
+    space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *parts, *rails)))
     plan = planners.plan(space, (0.0, 0.0), (0.5, 0.5))
     assert plan.trajectory(**LIMITS).to_joint_trajectory().joint_names == ["x", "y"]
     with pytest.raises(InputError, match="plan moves the joints x, y; a path holds poses"):

@@ -117,7 +117,7 @@ def oracle(name: str) -> Callable[[np.ndarray], float]:
     boxes.setup()
 
     def apart_in_space(q: np.ndarray) -> float:
-        turn, data = solids.turn_of(q).as_matrix(), fcl.DistanceData()
+        turn, data = solids.rotation_of(q).as_matrix(), fcl.DistanceData()
         boxes.distance(solids.box(BOX_SIDES[name], q[:3], turn), data, fcl.defaultDistanceCallback)
         walls = solids.within(space.grid.lower, space.grid.upper, BOX_SIDES[name], q[:3], turn)
         return min(float(data.result.min_distance), walls)

@@ -28,7 +28,7 @@ from cspace.files import ros as messages
 from tests.planning import CAR, ENDPOINTS, SPACES, open_map, room, turn_between
 from tests.refusals import refusals
 from tests.strategies import seeds
-from tests.urdfs import joint, link, planar, written
+from tests.urdfs import joint, link, planar, write_urdf
 
 AXES: dict[str, tuple[str, ...]] = {
     "plane": ("x", "y"),
@@ -382,7 +382,7 @@ def arm_plan(tmp_path_factory: pytest.TempPathFactory) -> planners.Plan:
     ]
     parts += [joint("shoulder", "foot", "a"), joint("elbow", "a", "b", at=(1, 0, 0))]
     parts += [link("cam", ((0.1, 0.1, 0.1), (0, 0, 2))), joint("cam", "foot", "cam", extra=mimic, limits=(-9, 9))]
-    space = build_arm_space({}, Arm.from_urdf(written(tmp_path_factory.mktemp("arm"), *parts)))
+    space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path_factory.mktemp("arm"), *parts)))
     return planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=20.0, seed=1)
 
 

@@ -226,7 +226,7 @@ def test_maps_agree_with_fcl(kind, rotations):
     states = space.classify(q)
     assert min(np.bincount(states, minlength=3)) > 40
     for state, one in zip(states.tolist(), q, strict=True):
-        placed = fcl.CollisionObject(robot, fcl.Transform(solids.turn_of(one).as_matrix(), one[:3]))
+        placed = fcl.CollisionObject(robot, fcl.Transform(solids.rotation_of(one).as_matrix(), one[:3]))
         hit = any(solids.meet(placed, each) for each in boxes)
         assert state == cspace.MIXED or hit == (state == cspace.BLOCKED)
 

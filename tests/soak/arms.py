@@ -26,8 +26,8 @@ from cspace.arms import ArmSpace
 from cspace.arrays import Bools, Floats
 from cspace.errors import ConfigurationError
 from tests.soak.tally import Drawn, Rng, Tally, draw_until
-from tests.solids import sampled
-from tests.urdfs import collision, joint, link, written
+from tests.solids import sample_configurations
+from tests.urdfs import collision, joint, link, write_urdf
 
 REAL_ARMS = ("panda", "ur5")
 
@@ -85,7 +85,7 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
 def _check(tally: Tally, counts: Counter[str], scene: Scene, rng: Rng) -> None:
     """Check configurations and motions of one scene."""
     arm, meshes = scene.space.arm, scene.meshes
-    q = _moved(scene.about[rng.integers(len(scene.about), size=CONFIGURATIONS_PER_SCENE)], arm, rng)
+    q = _draw_near(scene.about[rng.integers(len(scene.about), size=CONFIGURATIONS_PER_SCENE)], arm, rng)
     counts["points"] += len(q)
     states = np.asarray(scene.space.classify(q))
     free = q[states == FREE]
@@ -94,7 +94,7 @@ def _check(tally: Tally, counts: Counter[str], scene: Scene, rng: Rng) -> None:
         counts[name] += int((states == state).sum())
         counts[f"{name} clear"] += sum(not meshes.collides(each) for each in q[states == state])
     free = free[:MAX_MOTIONS_PER_SCENE]
-    goals = _moved(free, arm, rng)
+    goals = _draw_near(free, arm, rng)
     proven = np.asarray(scene.space.motion_is_free(free, goals)) if len(free) else []
     for q0, q1, is_free in zip(free, goals, proven, strict=True):
         positions = q0 + np.linspace(0.0, 1.0, POINTS_PER_MOTION)[:, np.newaxis] * (q1 - q0)
@@ -110,7 +110,7 @@ def _are_wrong(meshes: Meshes, q: Floats) -> Bools:
     return np.array([meshes.is_wrong(each) for each in q], dtype=np.bool_)
 
 
-def _moved(q: Floats, arm: Arm, rng: Rng) -> Floats:
+def _draw_near(q: Floats, arm: Arm, rng: Rng) -> Floats:
     """Draw configurations around others; some differ in one joint."""
     step = rng.choice(STEP_SIZES, (len(q), 1)) * rng.normal(size=q.shape)
     single = rng.random(len(q)) < 0.2
@@ -142,7 +142,14 @@ def draw_small_arm(seed: int, number: int) -> Scene:
         allowed = [(link.name, name) for link in arm.links if not link.body for name, *_ in solids]
         space = build_arm_space(our_solids(solids), arm, allowed_collisions=allowed)
         meshes = Meshes(path, arm.joints, coal_solids(solids), allowed=frozenset(arm.allowed_collisions))
-    return Scene("arm", f"draw_small_arm({seed}, {number})", ("solids", "arm"), space, meshes, sampled(arm, rng, 20))
+    return Scene(
+        "arm",
+        f"draw_small_arm({seed}, {number})",
+        ("solids", "arm"),
+        space,
+        meshes,
+        sample_configurations(arm, rng, 20),
+    )
 
 
 def _draw_solid(rng: Rng) -> tuple[str, tuple[float, ...]]:
@@ -165,7 +172,7 @@ def _write_arm(folder: Path, rng: Rng) -> Path:
         axis /= np.linalg.norm(axis)
         parts.append(joint(f"j{number}", f"l{parent}", f"l{number + 1}", at, axis, str(kind), limits, rpy, mimic))
         parts.append(_link(f"l{number + 1}", rng))
-    return written(folder, *parts)
+    return write_urdf(folder, *parts)
 
 
 def _link(name: str, rng: Rng) -> str:

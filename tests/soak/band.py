@@ -33,8 +33,8 @@ def check(report: Report, seed: int, number: int) -> None:
             robot, across = _draw_robot(rng, kind)
             occupied = np.pad(_draw_cells(rng, turn), int(across) + 3)
             state = cspace.build(Workspace.from_array(occupied, 1.0), robot, outside="free").cell_states
-            depth = max(depth, depth_of(state))
-            width = width if turn % 3 else max(width, width_of(state))
+            depth = max(depth, measure_depth(state))
+            width = width if turn % 3 else max(width, measure_width(state))
             cells += int((state == MIXED).sum())
         report.section(f"MIXED band: {number} random grids, {kind} from 4 to 40 cells across, {cells} MIXED cells")
         _check_depth(report, depth)
@@ -46,14 +46,14 @@ def check(report: Report, seed: int, number: int) -> None:
             return
         state = cspace.build(workspace, Robot.disc(6.0 * workspace.grid.spacing)).cell_states
         report.section(f"MIXED band: {name}, disc 12 cells across: {(state == MIXED).mean():.1%} of the map is MIXED")
-        _check_depth(report, depth_of(state))
+        _check_depth(report, measure_depth(state))
 
 
 def _check_depth(report: Report, depth: int) -> None:
     report.check(depth <= MAX_BAND, f"no MIXED cell is more than {depth} cells from a BLOCKED one (at most {MAX_BAND})")
 
 
-def depth_of(state: States) -> int:
+def measure_depth(state: States) -> int:
     """Return the largest chessboard distance from MIXED to BLOCKED."""
     if not (state == BLOCKED).any():
         return 0
@@ -61,7 +61,7 @@ def depth_of(state: States) -> int:
     return int(apart[state == MIXED].max(initial=0))
 
 
-def width_of(state: States) -> int:
+def measure_width(state: States) -> int:
     """Return the width of the band."""
     mixed, width = state == MIXED, 0
     left = mixed

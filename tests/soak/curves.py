@@ -12,7 +12,7 @@ from cspace import FREE
 from cspace.arrays import Floats
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
-from tests.soak.maps import POINTS_PER_EDGE, nearly_snapped, not_free_along
+from tests.soak.maps import POINTS_PER_EDGE, find_collisions_along, snap_nearly
 from tests.soak.plane import draw_case
 from tests.soak.tally import Case, Rng, Tally, draw_until, pick_close
 
@@ -72,7 +72,7 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     for k, edge in enumerate(picked):
         q[k], missed[k], other = oracle.follow(pairs[edge, 0], pairs[edge, 1], float(lengths[edge]))
         others[name] += other
-    wrong, undecided = not_free_along(case, q)
+    wrong, undecided = find_collisions_along(case, q)
     tally.add(name, case, q, wrong | missed | ~np.asarray(space.is_free(q)), undecided)
 
 
@@ -81,7 +81,7 @@ def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, 
     space, spacing = case.space, case.space.grid.spacing
     starts = space.sample_free(N_CURVES, rng)
     snapped = rng.random(N_CURVES) < 0.3
-    starts[snapped] = nearly_snapped(case.space, starts[snapped], rng, away=0.0)
+    starts[snapped] = snap_nearly(case.space, starts[snapped], rng, away=0.0)
     turns = rng.integers(-1, 2, (N_CURVES, 3))
     lengths = spacing * rng.choice([1.0, 4.0, 15.0], (N_CURVES, 1)) * rng.exponential(size=(N_CURVES, 3))
     if name != "dubins":
@@ -91,7 +91,7 @@ def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, 
     goals[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(size=(int(near.sum()), 2))
     goals[near, 2] = rng.uniform(-np.pi, np.pi, int(near.sum()))
     snapped = rng.random(N_CURVES) < 0.1
-    goals[snapped] = nearly_snapped(case.space, goals[snapped], rng, away=0.0)
+    goals[snapped] = snap_nearly(case.space, goals[snapped], rng, away=0.0)
     return starts, goals
 
 
@@ -125,10 +125,10 @@ class _Oracle:
         radius = self._way.radius
         if abs(self._states.distance(self._first, self._last) - length) <= SAME * radius:
             theirs = self._theirs(ours)
-            if _apart(theirs, ours, radius) <= OFF:
+            if _largest_distance(theirs, ours, radius) <= OFF:
                 return theirs, False, False
         driven = self._driven(first, last, length)
-        missed = max(_apart(driven, ours, radius), _apart(driven[-1:], last[None], radius)) > OFF
+        missed = max(_largest_distance(driven, ours, radius), _largest_distance(driven[-1:], last[None], radius)) > OFF
         return driven, missed, True
 
     def _theirs(self, ours: Floats) -> Floats:
@@ -152,7 +152,7 @@ class _Oracle:
         )
 
 
-def _apart(a: Floats, b: Floats, radius: float) -> float:
+def _largest_distance(a: Floats, b: Floats, radius: float) -> float:
     """Return the largest distance of paired points."""
     turn = (a[:, 2] - b[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return float(max(np.hypot(*(a - b)[:, :2].T).max() / radius, np.abs(turn).max()))

@@ -44,7 +44,7 @@ CHANGES = ("flip", "flip", "byte", "byte", "swap", "cut", "extreme", "extreme", 
 Rng = np.random.Generator
 
 
-def families(folder: Path) -> dict[str, Path]:
+def write_families(folder: Path) -> dict[str, Path]:
     """Write one small file of each family."""
     import trimesh
     import zarr
@@ -145,7 +145,7 @@ def open_file(path: Path) -> object:
     return Workspace.open(path, **options).outer
 
 
-def mutant(content: bytes, other: bytes, rng: Rng) -> bytes:
+def mutate(content: bytes, other: bytes, rng: Rng) -> bytes:
     """Change a file one to four times.
 
     ``other`` is a file to splice pieces from.
@@ -197,7 +197,7 @@ def attempt(path: Path) -> str:
     return "opened"
 
 
-def attempts(
+def count_outcomes(
     seed: int, every: dict[str, Path], name: str, first: int, count: int, keep: Path | None = None
 ) -> Counter[str]:
     """Count outcomes of mutants of a family, and restore its file.
@@ -207,12 +207,12 @@ def attempts(
     outcomes: Counter[str] = Counter()
     signal.signal(signal.SIGALRM, _late)
     path, write = every[name], _FORGERS.get(name, _write)
-    parts = parts_of(path)
+    parts = read_parts(path)
     others = [other.read_bytes() for other in every.values() if other.is_file()]
     for number in range(first, first + count):
         rng = np.random.default_rng([seed, sum(name.encode()), number])
         part = sorted(parts)[int(rng.integers(len(parts)))]
-        changed = mutant(parts[part], others[int(rng.integers(len(others)))], rng)
+        changed = mutate(parts[part], others[int(rng.integers(len(others)))], rng)
         write(path, parts, part, changed)
         start = time.monotonic()
         signal.alarm(SECONDS)
@@ -235,7 +235,7 @@ Parts = dict[str, bytes]
 """Contents of the files of a folder, by name."""
 
 
-def parts_of(path: Path) -> Parts:
+def read_parts(path: Path) -> Parts:
     if path.is_dir():
         return {part.relative_to(path).as_posix(): part.read_bytes() for part in path.rglob("*") if part.is_file()}
     return {"": path.read_bytes()}
@@ -293,10 +293,10 @@ def _child(queue: Any, *arguments: Any) -> None:
     statm = Path("/proc/self/statm")
     used = int(statm.read_text().split()[0]) * resource.getpagesize() if statm.exists() else 0
     resource.setrlimit(resource.RLIMIT_AS, (used + BYTES, used + BYTES))
-    queue.put(attempts(*arguments))
+    queue.put(count_outcomes(*arguments))
 
 
-def _outcomes(seed: int, every: dict[str, Path], name: str, wanted: int) -> Counter[str]:
+def _count_in_children(seed: int, every: dict[str, Path], name: str, wanted: int) -> Counter[str]:
     """Count outcomes of mutants in child processes."""
     outcomes: Counter[str] = Counter()
     opened = attempt(every[name])  # imports and compiles for the children, too
@@ -322,11 +322,11 @@ def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
     """Check mutants of every family."""
     report.section(f"files: {wanted} mutants of each family, seed {seed}, {SECONDS} s and {BYTES / 2**30:g} GB each")
     with tempfile.TemporaryDirectory() as folder:
-        names = list(families(Path(folder)))
+        names = list(write_families(Path(folder)))
     for name in names:
         start = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
-            outcomes = _outcomes(seed, families(Path(folder)), name, wanted)
+            outcomes = _count_in_children(seed, write_families(Path(folder)), name, wanted)
         bad = [result for result in outcomes if result not in ("opened", "refused")]
         opened, refused = outcomes["opened"], outcomes["refused"]
         report.note(f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - start:.0f} s")

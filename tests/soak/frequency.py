@@ -18,8 +18,8 @@ from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
 from tests.soak import plane
-from tests.soak.solids import Blocks, SolidSurface, SurfacePair, directions
-from tests.soak.space import dented_ball
+from tests.soak.solids import Blocks, SolidSurface, SurfacePair, draw_directions
+from tests.soak.space import draw_dented_ball
 from tests.soak.tally import Drawn, Rng, Tally, draw_until
 
 Oracle = Callable[[Floats], Bools]
@@ -124,7 +124,7 @@ def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
 
 
 @cache
-def pool_body(seed: int, index: int, dim: int) -> Body:
+def draw_pool_body(seed: int, index: int, dim: int) -> Body:
     """Return a body of the pool, about 1 m across."""
     rng = np.random.default_rng([seed, index, 20 + dim])
     kind = list(BODIES[dim])[index % len(BODIES[dim])]
@@ -135,13 +135,15 @@ def draw_pair(seed: int, number: int, dim: int) -> PairCase:
     """Draw a pair, reproducibly."""
     rng = np.random.default_rng([seed, number, 30 + dim])
     size = float(10.0 ** rng.uniform(-2.0, 2.0))
-    a = pool_body(seed, number % POOL, dim).place(
+    a = draw_pool_body(seed, number % POOL, dim).place(
         size, np.eye(dim), size * rng.choice([0.0, 3.0]) * rng.normal(size=dim)
     )
     corner = size * float(rng.choice([0.0, 30.0])) * rng.normal(size=dim)
     b = [
-        pool_body(seed, int(rng.integers(POOL)), dim).place(
-            size * float(rng.uniform(0.5, 2.0)), random_turn(rng, dim), corner + size * rng.uniform(-1.5, 1.5, dim)
+        draw_pool_body(seed, int(rng.integers(POOL)), dim).place(
+            size * float(rng.uniform(0.5, 2.0)),
+            draw_rotation_matrix(rng, dim),
+            corner + size * rng.uniform(-1.5, 1.5, dim),
         )
         for _ in range(int(rng.integers(1, 4)))
     ]
@@ -150,7 +152,9 @@ def draw_pair(seed: int, number: int, dim: int) -> PairCase:
         float(rng.choice(TOLERANCES[dim])),
         int(rng.integers(1, 9)),
     )
-    overlap = overlap_of(a, b, float(rng.uniform(0.3, 1.2)), classes, bump, tolerance, inner=bool(rng.random() < 0.9))
+    overlap = compute_overlap(
+        a, b, float(rng.uniform(0.3, 1.2)), classes, bump, tolerance, inner=bool(rng.random() < 0.9)
+    )
     others = " and ".join(sorted({each.kind for each in b}))
     name = (
         f"{a.kind} of {size:.3g} m among {others}, {bump}, {classes} classes of radii, {overlap.frequencies} "
@@ -159,25 +163,25 @@ def draw_pair(seed: int, number: int, dim: int) -> PairCase:
     return PairCase(name, f"draw_pair({seed}, {number}, {dim})", (others, a.kind), a, b, overlap)
 
 
-def overlap_of(
+def compute_overlap(
     a: Body, b: list[Body], share: float, classes: int, bump: Bump, tolerance: float, inner: bool
 ) -> FourierOverlap:
     """Return the overlap of bodies of growing balls.
 
     Balls grow by a share of the smaller median radius.
     """
-    sets = [a.outer, _together([each.outer for each in b])]
+    sets = [a.outer, _join_sets([each.outer for each in b])]
     if inner and a.inner is not None and all(each.inner is not None for each in b):
-        sets += [a.inner, _together([each.inner for each in b if each.inner is not None])]
+        sets += [a.inner, _join_sets([each.inner for each in b if each.inner is not None])]
     swell = share * float(min(np.median(radii) for _, radii in sets[:2]))
     return FourierOverlap.of_shapes(*sets, swell=swell, classes=classes, bump=bump, tolerance=tolerance)
 
 
-def _together(sets: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+def _join_sets(sets: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
     return np.concatenate([centers for centers, _ in sets]), np.concatenate([radii for _, radii in sets])
 
 
-def random_turn(rng: Rng, dim: int) -> Floats:
+def draw_rotation_matrix(rng: Rng, dim: int) -> Floats:
     """Draw a rotation matrix."""
     matrix = np.linalg.qr(rng.normal(size=(dim, dim)))[0]
     matrix[:, 0] *= np.sign(np.linalg.det(matrix))
@@ -210,7 +214,7 @@ def _ell(rng: Rng) -> Any:
 
 
 def _hull(rng: Rng) -> Floats:
-    points = directions(int(rng.integers(5, 16)), rng) * rng.uniform(0.4, 1.0, 3)
+    points = draw_directions(int(rng.integers(5, 16)), rng) * rng.uniform(0.4, 1.0, 3)
     return np.asarray(trimesh.convex.convex_hull(points).triangles)
 
 
@@ -225,7 +229,7 @@ def _prism(rng: Rng) -> Floats:
 
 BODIES: dict[int, dict[str, Callable[[Rng], Any]]] = {
     2: {"star": _star, "ring": _ring, "rectangle": _rectangle, "L": _ell},
-    3: {"hull": _hull, "dented ball": partial(dented_ball, max_subdivisions=2), "box": _box, "L": _prism},
+    3: {"hull": _hull, "dented ball": partial(draw_dented_ball, max_subdivisions=2), "box": _box, "L": _prism},
 }
 
 

@@ -16,7 +16,7 @@ from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.arrays import Bools, Floats, States
 from tests.soak.plane import draw_case
 from tests.soak.space import draw_solid_case
-from tests.soak.tally import Case, Rng, Tally, draw_until, not_free, pick_close
+from tests.soak.tally import Case, Rng, Tally, draw_until, find_collisions, pick_close
 
 TWO_PI = 2.0 * np.pi
 
@@ -107,7 +107,7 @@ def check_exact(report: Report, seed: int, edges: int) -> None:
 def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
     """Check configurations in cells of each state, and anywhere."""
     space = case.space
-    state, boundary = space.cell_states, _state_changes(space.cell_states, space.grid.dim)
+    state, boundary = space.cell_states, _mark_state_changes(space.cell_states, space.grid.dim)
     drawn, claimed = [], []
     for claim in (FREE, MIXED, BLOCKED):
         number = POINTS_PER_STATE // 9 if claim == MIXED else POINTS_PER_STATE // 2
@@ -115,7 +115,7 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
             cells = np.flatnonzero(chosen)
             if len(cells):
                 positions = np.stack(np.unravel_index(cells[rng.integers(0, len(cells), number)], state.shape), axis=1)
-                drawn.append(_in_cells(space, positions, rng))
+                drawn.append(_draw_in_cells(space, positions, rng))
                 claimed.append(np.full(number, claim))
     q, claims = np.concatenate(drawn), np.concatenate(claimed)
     answers = np.asarray(space.classify(q))
@@ -124,8 +124,8 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
     other = answers != claims
     tally.judge(case, q[other], answers[other])
     few = POINTS_PER_STATE // 6
-    anywhere = _anywhere(case, few, 1.5, rng)
-    q = np.concatenate([nearly_snapped(space, rng.permutation(q)[:few], rng), anywhere])
+    anywhere = _draw_anywhere(case, few, 1.5, rng)
+    q = np.concatenate([snap_nearly(space, rng.permutation(q)[:few], rng), anywhere])
     tally.judge(case, q, np.asarray(space.classify(q)))
 
 
@@ -134,17 +134,17 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     space, dim = case.space, case.space.grid.dim
     starts = space.sample_free(CANDIDATES, rng)
     snapped = rng.random(CANDIDATES) < 0.3
-    starts[snapped] = nearly_snapped(space, starts[snapped], rng, away=0.0)
+    starts[snapped] = snap_nearly(space, starts[snapped], rng, away=0.0)
     steps = rng.choice([0.0, 2.0, 10.0, 40.0], (CANDIDATES, 1)) * rng.normal(size=(CANDIDATES, dim))
     lattice = rng.integers(-9, 10, (CANDIDATES, 1)) * rng.integers(-1, 2, (CANDIDATES, dim))
-    goals = _moved_by(space, starts, np.where(snapped[:, None], lattice, steps), (0.0, 0.05, 0.5, 2.0), rng)
+    goals = _move(space, starts, np.where(snapped[:, None], lattice, steps), (0.0, 0.05, 0.5, 2.0), rng)
     free = np.flatnonzero(space.motion_is_free(starts, goals))
-    few = along(space, starts[free], goals[free], np.linspace(0.0, 1.0, 50), rng)
+    few = interpolate_edges(space, starts[free], goals[free], np.linspace(0.0, 1.0, 50), rng)
     picked = free[pick_close(np.asarray(space.clearance(few)).min(axis=1), FOLLOWED, rng)]
     if not len(picked):
         return
-    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
-    wrong, undecided = not_free_along(case, q)
+    q = interpolate_edges(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
+    wrong, undecided = find_collisions_along(case, q)
     if len(space.rotations.names) < 4:  # the other cell may prove an edge on the border of quaternion cells
         wrong |= ~np.asarray(space.is_free(q))
     tally.add(EDGE, case, q, wrong, undecided)
@@ -156,15 +156,15 @@ def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
     distance = space.grid.spacing * float(rng.choice([0.0, 0.5, 1.0, 3.0])) * float(rng.uniform(0.5, 1.5))
     angle = float(rng.choice([0.0, 0.01, 0.1, 1.0, 4.0]) * rng.uniform(0.5, 1.5))
     centers = space.sample_free(200, rng)
-    centers[::4] = nearly_snapped(space, centers[::4], rng, away=0.0)
+    centers[::4] = snap_nearly(space, centers[::4], rng, away=0.0)
     centers = centers[np.asarray(space.is_free_around(centers, distance, angle))][:20]
     shape = (len(centers), 12, space.size)
     away = np.where(rng.random(shape) < 0.4, 1.0, rng.random(shape)) * rng.choice([-1.0, 1.0], shape)
     q = np.repeat(centers[:, None], shape[1], axis=1)
     q[..., :dim] += distance * away[..., :dim]
     q = q.reshape(-1, space.size)
-    q[:, dim:] = turned(q[:, dim:], angle * np.abs(away[..., -1]).ravel(), rng)
-    wrong, undecided = not_free(case, q)
+    q[:, dim:] = rotate_by(q[:, dim:], angle * np.abs(away[..., -1]).ravel(), rng)
+    wrong, undecided = find_collisions(case, q)
     tally.add("box", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)
 
 
@@ -179,15 +179,15 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     q[:, :dim] += way
     if space.rotations.names:
         turn = space.rotations._cells_of(centers)
-        q[:, dim:] = _in_rotation_cells(space, turn, np.clip(_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))
-    wrong, undecided = not_free(case, q)
+        q[:, dim:] = _rotations_in_cells(space, turn, np.clip(_draw_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))
+    wrong, undecided = find_collisions(case, q)
     tally.add("clearance", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)
 
 
 def _check_containment(tally: Tally, case: Case, rng: Rng) -> None:
     """Check that ``contains_robot`` is True only inside obstacles."""
     space, grid = case.space, case.space.grid
-    turns = rotations_of(space, 2000, rng)
+    turns = draw_rotations(space, 2000, rng)
     q = np.concatenate([rng.uniform(grid.lower, grid.upper, (2000, grid.dim)), turns], axis=1)
     q = q[np.asarray(space.contains_robot(q))][:40]
     if len(q):
@@ -200,13 +200,13 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
     if not _has_geometry(case):
         return
     positions = rng.uniform(space.grid.lower, space.grid.upper, (10 * WALKS, dim))
-    first = np.concatenate([positions, rotations_of(space, len(positions), rng)], axis=1)
+    first = np.concatenate([positions, draw_rotations(space, len(positions), rng)], axis=1)
     first = first[np.asarray(space.is_free(first, exact=True))][:WALKS]
     last = first.copy()
     for _ in range(STEPS if len(first) else 0):
         size, goals = rng.choice([0.0, 0.3, 1.0, 3.0], (len(last), 2)), last.copy()
         goals[:, :dim] += space.grid.spacing * size[:, :1] * rng.normal(size=(len(last), dim))
-        goals[:, dim:] = turned(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
+        goals[:, dim:] = rotate_by(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
         free = np.asarray(space.motion_is_free(last, goals, exact=True))
         last[free] = goals[free]
     tally.add("path", case, last, np.asarray(space.is_disconnected(first, last)))
@@ -217,26 +217,26 @@ def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
     space, dim = case.space, case.space.grid.dim
     if not _has_geometry(case):
         return
-    q = _anywhere(case, 20 * EXACT_CANDIDATES, 0.5, rng)
+    q = _draw_anywhere(case, 20 * EXACT_CANDIDATES, 0.5, rng)
     known = np.asarray(space.is_free(q))
     q = np.concatenate([q[~known][: 4 * EXACT_CANDIDATES], q[known][:EXACT_CANDIDATES]])
     known, free = np.asarray(space.is_free(q)), np.asarray(space.is_free(q, exact=True))
     proven, refused = q[free & ~known], q[~free][:EXACT_CANDIDATES]
-    tally.add(EXACT_POINT, case, proven, *not_free(case, proven))
+    tally.add(EXACT_POINT, case, proven, *find_collisions(case, proven))
     if space.workspace.source != "mesh" or space.workspace.shapes:  # a filled mesh has only cells
         tally.add(LOST, case, refused, ~case.meets(refused, space.margin + PROVABLE_CELLS * space.grid.spacing))
     starts = np.concatenate([proven[:EXACT_CANDIDATES], q[known][: EXACT_CANDIDATES // 4]])
     steps = rng.choice([0.0, 0.5, 2.0, 10.0], (len(starts), 1)) * rng.normal(size=(len(starts), dim))
-    goals = _moved_by(space, starts, steps, (0.0, 1e-5, 0.05, 0.5, 2.0), rng)
+    goals = _move(space, starts, steps, (0.0, 1e-5, 0.05, 0.5, 2.0), rng)
     by_geometry = np.asarray(space.motion_is_free(starts, goals, exact=True))
     edges = rng.permutation(np.flatnonzero(by_geometry & ~np.asarray(space.motion_is_free(starts, goals))))
     if not len(edges):
         return
-    few = along(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.size)
+    few = interpolate_edges(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.size)
     close = case.meets(few, space.margin + CLOSE_CELLS * space.grid.spacing).reshape(-1, 11).any(axis=1)
     picked = edges[pick_close((~close).astype(np.float64), EXACT_FOLLOWED, rng)]
-    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
-    wrong, undecided = not_free_along(case, q)
+    q = interpolate_edges(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
+    wrong, undecided = find_collisions_along(case, q)
     wrong[:, ::QUERY_STEP] |= ~np.asarray(space.is_free(q[:, ::QUERY_STEP], exact=True))
     tally.add(EXACT_EDGE, case, q, wrong, undecided)
 
@@ -246,8 +246,8 @@ def _has_geometry(case: Case) -> bool:
     return getattr(case.space.robot.shape, "solid", "") != "fill"
 
 
-def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
-    """Apply :func:`tests.soak.tally.not_free` to points of edges, shape (edges, points, size).
+def find_collisions_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
+    """Apply :func:`tests.soak.tally.find_collisions` to points of edges, shape (edges, points, size).
 
     A group of points is free if the robot at its middle is farther from the obstacles than any of its points moves
     within the group. Other groups are split, at last into single points.
@@ -264,31 +264,31 @@ def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
         moved = np.linalg.norm(apart[..., :dim], axis=-1) + 2.0 * case.reach * np.abs(apart[..., dim:]).sum(axis=-1)
         near[near] = case.meets(centers, moved.max(axis=1) + case.space.margin + 1e-6)
         open_ = np.repeat(near, size, axis=1)
-    wrong[open_], undecided[open_] = not_free(case, q[open_])
+    wrong[open_], undecided[open_] = find_collisions(case, q[open_])
     return wrong, undecided
 
 
 # ---- configurations --------------------------------------------------------------------------------------------------
 
 
-def _anywhere(case: Case, number: int, share: float, rng: Rng) -> Floats:
+def _draw_anywhere(case: Case, number: int, share: float, rng: Rng) -> Floats:
     """Draw configurations in and around the grid."""
     space, grid = case.space, case.space.grid
     reach = share * (case.reach + space.margin + grid.spacing)
     positions = rng.uniform(np.subtract(grid.lower, reach), np.add(grid.upper, reach), (number, grid.dim))
-    return np.concatenate([positions, rotations_of(space, number, rng)], axis=1)
+    return np.concatenate([positions, draw_rotations(space, number, rng)], axis=1)
 
 
-def _moved_by(space: CSpace, q: Floats, steps: Floats, sizes: tuple[float, ...], rng: Rng) -> Floats:
+def _move(space: CSpace, q: Floats, steps: Floats, sizes: tuple[float, ...], rng: Rng) -> Floats:
     """Move configurations by steps and random angles."""
     dim, goals = space.grid.dim, q.copy()
     goals[:, :dim] += space.grid.spacing * steps
     angles = rng.choice(sizes, len(q)) * np.abs(rng.normal(size=len(q)))
-    goals[:, dim:] = turned(q[:, dim:], np.where(rng.random(len(q)) < 0.05, np.pi, angles), rng)
+    goals[:, dim:] = rotate_by(q[:, dim:], np.where(rng.random(len(q)) < 0.05, np.pi, angles), rng)
     return goals
 
 
-def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Floats:
+def snap_nearly(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Floats:
     """Move configurations onto or near the lattice."""
     grid = space.grid
     near = np.round((q[:, : grid.dim] - grid.lower) / grid.spacing)
@@ -307,7 +307,7 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
     return snapped
 
 
-def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> Floats:
+def interpolate_edges(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> Floats:
     """Interpolate edges, shape (edges, points, size)."""
     dim = space.grid.dim
     steps = goals - starts
@@ -323,13 +323,13 @@ def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> 
     return q
 
 
-def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
+def _draw_in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
     """Draw a configuration in each cell, many on borders."""
     grid, dim = space.grid, space.grid.dim
-    points = grid.lower + grid.spacing * (cells[:, -dim:] + _within(rng, (len(cells), dim)))
+    points = grid.lower + grid.spacing * (cells[:, -dim:] + _draw_within(rng, (len(cells), dim)))
     if not space.rotations.names:
         return np.asarray(points)
-    turns = _in_rotation_cells(space, cells[:, 0], _within(rng, (len(cells), 3)))
+    turns = _rotations_in_cells(space, cells[:, 0], _draw_within(rng, (len(cells), 3)))
     if len(space.rotations.names) == 4:
         return np.column_stack([points, turns * rng.choice([-1.0, 1.0], (len(turns), 1))])
     return np.column_stack([points, turns + TWO_PI * rng.integers(-2, 3, turns.shape)])
@@ -340,7 +340,7 @@ def _borders(rotations: Any) -> Floats:
     return np.asarray(rotations.borders)
 
 
-def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
+def _rotations_in_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
     """Return a rotation in each cell, at parts (n, 3)."""
     boundaries = _borders(space.rotations)
     if len(space.rotations.names) == 1:
@@ -354,14 +354,14 @@ def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) 
     return _unit(q)
 
 
-def rotations_of(space: CSpace, number: int, rng: Rng) -> Floats:
+def draw_rotations(space: CSpace, number: int, rng: Rng) -> Floats:
     """Draw rotations of configurations: no numbers, yaws, or quaternions."""
     if len(space.rotations.names) == 4:
         return _unit(rng.normal(size=(number, 4)))
     return rng.uniform(-9.0, 9.0, (number, len(space.rotations.names)))
 
 
-def turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:
+def rotate_by(turns: Floats, angles: Floats, rng: Rng) -> Floats:
     """Rotate each rotation by an angle."""
     if turns.shape[1] < 4:
         return turns + (angles * rng.choice([-1.0, 1.0], len(turns)))[:, None]
@@ -385,13 +385,13 @@ def _unit(q: Floats) -> Floats:
     return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
-def _within(rng: Rng, shape: tuple[int, ...]) -> Floats:
+def _draw_within(rng: Rng, shape: tuple[int, ...]) -> Floats:
     """Draw positions in cells, half on borders."""
     position = rng.choice([0.0, 1.0, np.nan], p=[0.25, 0.25, 0.5], size=shape)
     return np.where(np.isnan(position), rng.random(shape), position)
 
 
-def _state_changes(state: States, dim: int) -> Bools:
+def _mark_state_changes(state: States, dim: int) -> Bools:
     """Mark cells that touch a cell of another state."""
     size = (1,) * (state.ndim - dim) + (3,) * dim
     return np.asarray(ndimage.maximum_filter(state, size) != ndimage.minimum_filter(state, size))

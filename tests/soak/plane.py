@@ -22,7 +22,7 @@ PLANE_ROBOT_SIZES = ((0.2, 2.0), (2.0, 8.0), (2.0, 8.0), (8.0, 40.0))
 # ---- exact geometry --------------------------------------------------------------------------------------------------
 
 
-def union_of_cells(occupied: Bools, grid: Grid) -> Any:
+def unite_cells(occupied: Bools, grid: Grid) -> Any:
     """Unite closed occupied cells in one shapely geometry."""
     steps = np.diff(np.pad(occupied.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     (x, first), stop = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
@@ -31,7 +31,7 @@ def union_of_cells(occupied: Bools, grid: Grid) -> Any:
     return shapely.union_all(shapely.box(left, lower[1] + spacing * first, right, lower[1] + spacing * stop))
 
 
-def frame(grid: Grid, width: float) -> Any:
+def surround_grid(grid: Grid, width: float) -> Any:
     """Return the surroundings of a grid, for shapely."""
     inside = shapely.box(*grid.lower, *grid.upper)
     around = shapely.box(*np.subtract(grid.lower, width), *np.add(grid.upper, width))
@@ -225,7 +225,7 @@ def draw_case(seed: int, number: int, turning: bool = False) -> PlaneCase:
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
     if outside == "blocked":
         span = max(np.subtract(workspace.grid.upper, workspace.grid.lower))
-        solid.append(frame(workspace.grid, 8.0 * (span + shape.reach + margin)))
+        solid.append(surround_grid(workspace.grid, 8.0 * (span + shape.reach + margin)))
     solid = [part for part in solid if not part.is_empty]
     for part in solid:
         shapely.prepare(part)
@@ -259,7 +259,7 @@ def _array(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
             a, b = rng.integers(1, 20, 2)
             occupied[x : x + a, y : y + b] = True
     workspace = Workspace.from_array(occupied, scale.spacing, scale.corner(rng, 2))
-    return workspace, [union_of_cells(occupied, workspace.grid)] if occupied.any() else []
+    return workspace, [unite_cells(occupied, workspace.grid)] if occupied.any() else []
 
 
 def _polygons(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
@@ -272,7 +272,7 @@ def _polygons(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
         reach = spacing * rng.choice([0.3, 3.0, 15.0]) * rng.uniform(0.3, 1.5)
         style = rng.choice(["star", "box", "holed", "line", "point"], p=[0.4, 0.25, 0.2, 0.1, 0.05])
         if style in ("star", "holed"):
-            shapes.append(star(rng, center, reach, hole=style == "holed"))
+            shapes.append(draw_star(rng, center, reach, hole=style == "holed"))
         elif style == "box":
             low = corner + scale.place((center - corner) / spacing)
             shapes.append(shapely.box(*low, *(low + scale.lengths(rng.uniform(1, 12, 2)))))
@@ -302,7 +302,7 @@ PLANE_WORKSPACES: dict[str, Callable[[Rng, Scale], tuple[Workspace, list[Any]]]]
 # ---- robots with exact shapes ----------------------------------------------------------------------------------------
 
 
-def star(rng: Rng, middle: Floats, reach: float, hole: bool) -> Any:
+def draw_star(rng: Rng, middle: Floats, reach: float, hole: bool) -> Any:
     """Draw a non-convex polygon, with or without a hole."""
     corners = int(rng.integers(5, 12))
     turns = rng.uniform(0, 2 * np.pi) + np.linspace(0, 2 * np.pi, corners, endpoint=False)
@@ -337,7 +337,7 @@ def _regular(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
 
 
 def _holed(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    return _of_polygons([star(rng, scale.center(rng, size, 2), scale.spacing * size / 2, hole=True)])
+    return _of_polygons([draw_star(rng, scale.center(rng, size, 2), scale.spacing * size / 2, hole=True)])
 
 
 def _parts(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
@@ -348,7 +348,7 @@ def _parts(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
         position = middle + scale.place(rng.uniform(-size, size, 2))
         if rng.random() < 0.5:
             parts.append(
-                star(rng, position, scale.spacing * size * rng.uniform(0.1, 0.5), hole=bool(rng.random() < 0.5))
+                draw_star(rng, position, scale.spacing * size * rng.uniform(0.1, 0.5), hole=bool(rng.random() < 0.5))
             )
         else:
             parts.append(shapely.box(*position, *(position + scale.lengths(rng.uniform(0.1, 0.8, 2) * size))))
@@ -364,7 +364,7 @@ def _bitmap(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
     lower = scale.center(rng, size, 2)
-    whole = union_of_cells(bitmap, Grid(lower, side, bitmap.shape))
+    whole = unite_cells(bitmap, Grid(lower, side, bitmap.shape))
     return Robot.from_bitmap(bitmap, side, lower), Shape(list(shapely.get_parts(whole)))
 
 

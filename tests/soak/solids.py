@@ -26,7 +26,7 @@ def matrix_of(rotation: Floats) -> Floats:
     return np.asarray(turn.as_matrix())
 
 
-def directions(number: int, rng: np.random.Generator) -> Floats:
+def draw_directions(number: int, rng: np.random.Generator) -> Floats:
     """Draw unit vectors, shape (number, 3)."""
     normals = rng.normal(size=(number, 3))
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
@@ -82,7 +82,7 @@ class Blocks:
         chosen = rng.integers(0, len(self.low), number)
         t = rng.choice([0.0, 1.0, np.nan], (number, 3))
         t = np.where(np.isnan(t), rng.random((number, 3)), t)
-        away = directions(number, rng) * (rng.choice([1.0, 0.5], number) * self.radius[chosen])[:, None]
+        away = draw_directions(number, rng) * (rng.choice([1.0, 0.5], number) * self.radius[chosen])[:, None]
         return np.asarray(self.low[chosen] + t * (self.high - self.low)[chosen] + away)
 
     def to_surface(self) -> SolidSurface:
@@ -160,7 +160,7 @@ class SolidSurface:
 Shape = Blocks | SolidSurface
 
 
-def merged_cells(occupied: Bools) -> Ints:
+def merge_cells(occupied: Bools) -> Ints:
     """Merge cells into boxes (first, stop), shape (n, 2, 3)."""
     steps = np.diff(np.pad(occupied.astype(np.int8), ((0, 0), (0, 0), (1, 1))), axis=2)
     boxes = np.column_stack([np.argwhere(steps > 0), np.argwhere(steps < 0)])

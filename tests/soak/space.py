@@ -15,7 +15,7 @@ from cspace import Robot, Workspace
 from cspace.arrays import Bools, Floats
 from cspace.shapes.mesh import Mesh, Solid
 from tests.soak.plane import Scale
-from tests.soak.solids import SIDES, Blocks, Pair, Shape, SolidSurface, Walls, directions, matrix_of, merged_cells
+from tests.soak.solids import SIDES, Blocks, Pair, Shape, SolidSurface, Walls, draw_directions, matrix_of, merge_cells
 from tests.soak.tally import Case, Rng
 
 SPATIAL_ROBOT_SIZES = ((0.2, 2.0), (2.0, 6.0), (2.0, 6.0), (6.0, 16.0))
@@ -58,7 +58,7 @@ class SolidCase(Case):
     def lies_in(self, q: Floats, rng: Rng) -> Bools:
         """Test random points of the robot, grown by the margin."""
         points = self.robot.sample(40, rng)
-        points += self.space.margin * directions(len(points), rng)
+        points += self.space.margin * draw_directions(len(points), rng)
         matrices = [matrix_of(rotation) for rotation in q[:, 3:]]
         moved = [position + points @ matrix.T for position, matrix in zip(q[:, :3], matrices, strict=True)]
         inside = np.zeros(len(q) * len(points), dtype=np.bool_)
@@ -186,7 +186,7 @@ def _hulls(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
 
 
 def _hull(rng: Rng, middle: Floats, reach: float, scale: Scale, flat: float) -> Floats:
-    points = directions(int(rng.integers(4, 20)), rng) * reach * rng.uniform(0.5, 1.0)
+    points = draw_directions(int(rng.integers(4, 20)), rng) * reach * rng.uniform(0.5, 1.0)
     points[:, int(rng.integers(3))] *= flat
     if scale.snap and flat == 1.0 and reach > 3.0 * scale.spacing:
         points = scale.place(points / scale.spacing)
@@ -198,7 +198,7 @@ def _hull(rng: Rng, middle: Floats, reach: float, scale: Scale, flat: float) -> 
     return np.asarray(np.where(outward[:, None, None], triangles, triangles[:, ::-1]))
 
 
-def dented_ball(rng: Rng, max_subdivisions: int) -> Floats:
+def draw_dented_ball(rng: Rng, max_subdivisions: int) -> Floats:
     """Draw triangles with dents and spikes, within 1 m."""
     ball = trimesh.creation.icosphere(int(rng.integers(0, max_subdivisions)), 1.0)
     return np.asarray((ball.vertices * rng.uniform(0.3, 1.0, (len(ball.vertices), 1)))[ball.faces])
@@ -208,7 +208,7 @@ def _stars(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
     """Draw bodies with dents and spikes, some flat."""
     bodies = []
     for _ in range(int(rng.integers(1, 3))):
-        triangles = dented_ball(rng, 3) @ (directions(3, rng).T * rng.choice([1.0, 1.0, 0.1], 3)) * reach
+        triangles = draw_dented_ball(rng, 3) @ (draw_directions(3, rng).T * rng.choice([1.0, 1.0, 0.1], 3)) * reach
         bodies.append(middle + rng.uniform(-0.5, 0.5, 3) * reach + triangles)
     surface = SolidSurface.of_bodies(bodies)
     return _disturb(rng, surface.triangles, str(rng.choice(["none", "all", "some"]))), surface
@@ -221,7 +221,7 @@ def _open_surface(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn
         corners = rng.uniform(-1.0, 1.0, (int(rng.integers(1, 12)), 3, 3)) * reach
         if style == "slivers":
             t = rng.uniform(-0.2, 1.2, (len(corners), 1))
-            off = directions(len(corners), rng) * reach * 10.0 ** rng.uniform(-16.0, -2.0, (len(corners), 1))
+            off = draw_directions(len(corners), rng) * reach * 10.0 ** rng.uniform(-16.0, -2.0, (len(corners), 1))
             corners[:, 2] = corners[:, 0] + t * (corners[:, 1] - corners[:, 0]) + off
         triangles = middle + corners
     elif style == "sheet":
@@ -281,7 +281,7 @@ def _voxels(rng: Rng, scale: Scale, cut: bool) -> DrawnWorkspace:
             first = rng.integers(0, occupied.shape)
             occupied[tuple(slice(i, i + n) for i, n in zip(first, rng.integers(1, 10, 3), strict=True))] = True
     workspace = Workspace.from_array(occupied, scale.spacing, scale.corner(rng, 3))
-    corners = np.asarray(workspace.grid.lower) + scale.spacing * merged_cells(occupied)
+    corners = np.asarray(workspace.grid.lower) + scale.spacing * merge_cells(occupied)
     return workspace, Blocks.boxes(corners) if len(corners) else None
 
 
@@ -328,7 +328,7 @@ def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
     lower = scale.center(rng, size, 3)
-    return Robot.from_bitmap(bitmap, side, lower), Blocks.boxes(lower + side * merged_cells(bitmap))
+    return Robot.from_bitmap(bitmap, side, lower), Blocks.boxes(lower + side * merge_cells(bitmap))
 
 
 def _mesh_robot(name: str, rng: Rng, size: float, scale: Scale) -> DrawnRobot:

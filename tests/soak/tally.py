@@ -86,7 +86,7 @@ class Tally:
     def judge(self, case: Case, q: Floats, states: States) -> None:
         """Check states of configurations; count the MIXED ones that collide."""
         free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
-        self.add("FREE", case, free, *not_free(case, free))
+        self.add("FREE", case, free, *find_collisions(case, free))
         apart = ~case.meets(blocked, 0.0)
         wrong = apart.copy()
         wrong[apart] = ~case.meets(blocked[apart], ROUNDING)
@@ -129,7 +129,7 @@ def draw_until(
     return tally
 
 
-def not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:
+def find_collisions(case: Case, q: Floats) -> tuple[Bools, Bools]:
     """Return masks of collisions and of cases too close to tell."""
     margin = case.space.margin
     near = case.meets(q, margin + ROUNDING)

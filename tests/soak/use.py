@@ -30,7 +30,7 @@ QUERIES, UPDATES, PLANS = 100_000, 1_000, 200
 BLOCK, PLACE = np.ones((12, 9), dtype=bool), (20, 14)
 
 
-def maps() -> tuple[CSpace, CSpace]:
+def build_maps() -> tuple[CSpace, CSpace]:
     """Build two maps that differ by one block."""
     cells = np.random.default_rng(0).random((60, 40)) < 0.02
     both = cells.copy()
@@ -44,34 +44,34 @@ def maps() -> tuple[CSpace, CSpace]:
 def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> None:
     """Run all checks, with a share of the work."""
     report.section(f"in use: {kills} killed saves, processes, threads, and growth")
-    counts = killed_saves(kills, np.random.default_rng(seed))
-    report.note(f"{kills} saves were killed: {text_of(counts)}")
+    counts = kill_saves(kills, np.random.default_rng(seed))
+    report.note(f"{kills} saves were killed: {format_counts(counts)}")
     torn = counts["torn"] + counts["left beside it torn"]
     report.check(not torn and counts["whole"] > 0, "no torn map opens")
-    counts = saves_to_one_place(3, max(2, kills // 5))
-    report.note(f"three processes saved to one place, and one read: {text_of(counts)}")
+    counts = save_to_one_place(3, max(2, kills // 5))
+    report.note(f"three processes saved to one place, and one read: {format_counts(counts)}")
     report.check(not counts["torn"] and counts["left whole"] == 1, "every map read is whole, the last one too")
-    counts = looks_while_updated(3.0 * share)
-    report.note(f"queries while another thread updates: {text_of(counts)}")
+    counts = query_during_updates(3.0 * share)
+    report.note(f"queries while another thread updates: {format_counts(counts)}")
     report.check(not counts["false"] and counts["cells"] > 0, "no query returns FREE for a cell that never is")
     for method in {"fork", "spawn"} & {*multiprocessing.get_all_start_methods()}:
-        report.check(same_in_a_child(method), f"a map returns equal results in a child made by {method}")
-    for name, growth, handles in grown(share):
+        report.check(agrees_in_child(method), f"a map returns equal results in a child made by {method}")
+    for name, growth, handles in measure_growth(share):
         report.note(f"{name}: {growth / 2**20:+.1f} MiB, {handles:+d} handles")
         report.check(growth < 8 * 2**20 and handles <= 0, f"{name} leave nothing behind")
 
 
-def text_of(counts: Counter[str]) -> str:
+def format_counts(counts: Counter[str]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
 
 
 # ---- saves -----------------------------------------------------------------------------------------------------------
 
 
-def killed_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
+def kill_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
     """Kill saving processes; count the outcomes of opening."""
     counts: Counter[str] = Counter()
-    both = maps()
+    both = build_maps()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.zarr"
         both[0].save(path)  # imports before the fork
@@ -81,17 +81,17 @@ def killed_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
             time.sleep(rng.uniform(0.0, 0.2))
             os.kill(child.pid or 0, signal.SIGKILL)
             child.join()
-            counts[_opened(path, both)] += 1
+            counts[_try_open(path, both)] += 1
             for left in Path(folder).glob(".cspace-*"):
-                counts[f"left beside it {_opened(left, both)}"] += 1
+                counts[f"left beside it {_try_open(left, both)}"] += 1
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
     return counts
 
 
-def saves_to_one_place(processes: int, saves: int) -> Counter[str]:
+def save_to_one_place(processes: int, saves: int) -> Counter[str]:
     """Save by several processes; count outcomes of opening."""
     counts: Counter[str] = Counter()
-    both = maps()
+    both = build_maps()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.zarr"
         both[0].save(path)
@@ -100,9 +100,9 @@ def saves_to_one_place(processes: int, saves: int) -> Counter[str]:
         for writer in writers:
             writer.start()
         while any(writer.is_alive() for writer in writers):
-            counts[_opened(path, both)] += 1
+            counts[_try_open(path, both)] += 1
         counts["torn"] += sum(writer.exitcode != 0 for writer in writers)
-        counts[f"left {_opened(path, both)}"] += 1
+        counts[f"left {_try_open(path, both)}"] += 1
         counts["left beside it"] += len(list(Path(folder).iterdir())) - 1
     return counts
 
@@ -115,7 +115,7 @@ def _save(both: tuple[CSpace, CSpace], path: Path, times: int) -> None:
             continue
 
 
-def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
+def _try_open(path: Path, both: tuple[CSpace, CSpace]) -> str:
     try:
         space = cspace.open(path, in_memory=True)  # reads all parts
     except CspaceError:
@@ -131,15 +131,18 @@ def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
 # ---- threads and processes -------------------------------------------------------------------------------------------
 
 
-def looks_while_updated(seconds: float) -> Counter[str]:
+def query_during_updates(seconds: float) -> Counter[str]:
     """Count false FREE results during updates."""
     counts: Counter[str] = Counter()
-    one, two = maps()
+    one, two = build_maps()
     block, nothing = two.workspace.outer[20:32, 14:23].copy(), one.workspace.outer[20:32, 14:23].copy()
     yaws = one.rotations.centers[:, 0]
     centers = np.stack(np.meshgrid(*(one.grid.centers(axis) for axis in (0, 1)), indexing="ij"), axis=-1)
     q = np.concatenate([np.insert(centers, 2, yaw, axis=-1) for yaw in yaws]).reshape(-1, 3)
-    never, always = (_each(one, q) != FREE) & (_each(two, q) != FREE), (_each(one, q) == FREE) & (_each(two, q) == FREE)
+    never, always = (
+        (_classify(one, q) != FREE) & (_classify(two, q) != FREE),
+        (_classify(one, q) == FREE) & (_classify(two, q) == FREE),
+    )
     stop, space = threading.Event(), two
     for cells in (nothing, block):  # compiles before the threads start
         space.update(cells, PLACE)
@@ -165,14 +168,14 @@ def looks_while_updated(seconds: float) -> Counter[str]:
     return counts
 
 
-def _each(space: CSpace, q: Any) -> Any:
+def _classify(space: CSpace, q: Any) -> Any:
     return np.asarray(space.classify(q))
 
 
-def same_in_a_child(method: str) -> bool:
+def agrees_in_child(method: str) -> bool:
     """Return True if maps agree in child processes."""
-    space = maps()[0]
-    expected, stop = _answers(space), threading.Event()
+    space = build_maps()[0]
+    expected, stop = _run_queries(space), threading.Event()
 
     def look() -> None:
         while not stop.is_set():
@@ -185,7 +188,7 @@ def same_in_a_child(method: str) -> bool:
     finally:
         stop.set()
         thread.join()
-    answers = [_answers_of(*child) for child in children]
+    answers = [_receive_answers(*child) for child in children]
     return answers == [expected] * len(children)
 
 
@@ -198,7 +201,7 @@ def _child(method: str, space: CSpace) -> tuple[Any, Any]:
     return child, here
 
 
-def _answers_of(child: Any, pipe: Any) -> object:
+def _receive_answers(child: Any, pipe: Any) -> object:
     answers = pipe.recv() if pipe.poll(60) else None
     child.kill()
     child.join()
@@ -206,10 +209,10 @@ def _answers_of(child: Any, pipe: Any) -> object:
 
 
 def _send_answers(pipe: Any, space: CSpace) -> None:
-    pipe.send(_answers(space))
+    pipe.send(_run_queries(space))
 
 
-def _answers(space: CSpace) -> list[Any]:
+def _run_queries(space: CSpace) -> list[Any]:
     """Return results of a copy before and after an update."""
     import pickle
 
@@ -228,11 +231,11 @@ def _answers(space: CSpace) -> list[Any]:
 # ---- growth ----------------------------------------------------------------------------------------------------------
 
 
-def grown(share: float) -> Iterator[tuple[str, int, int]]:
+def measure_growth(share: float) -> Iterator[tuple[str, int, int]]:
     """Yield the growth of memory and handles."""
     import planners
 
-    space, two = maps()
+    space, two = build_maps()
     parts = two.workspace.outer[20:32, 14:23], space.workspace.outer[20:32, 14:23].copy()
     rng = np.random.default_rng(0)
     start, *others = space.sample_free(50, rng)
@@ -258,14 +261,14 @@ def grown(share: float) -> Iterator[tuple[str, int, int]]:
         count = max(2, int(times * share))
         for number in range(max(2, count // 5)):
             work(number)
-        before = _taken()
+        before = _measure_process()
         for number in range(count):
             work(number)
-        after = _taken()
+        after = _measure_process()
         yield f"{count} {name}", after[0] - before[0], after[1] - before[1]
 
 
-def _taken() -> tuple[int, int]:
+def _measure_process() -> tuple[int, int]:
     gc.collect()
     process = psutil.Process()
     return process.memory_info().rss, process.num_fds()

@@ -17,7 +17,7 @@ from cspace.view import Viewer
 from cspace.view.scene import rgb
 from tests.pages import node
 from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, pose_at, written
+from tests.urdfs import joint, link, planar, pose_at, write_urdf
 
 pytest.importorskip("viser")
 pytest.importorskip("yourdfpy")
@@ -101,7 +101,7 @@ def test_page_shows_plans_and_proofs(shown: Any) -> None:
 def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
     bar = ((0.3, 0.1, 0.1), (0.15, 0, 0))
     arm = cspace.Arm.from_urdf(
-        written(
+        write_urdf(
             tmp_path,
             link("base", bar),
             link("lift", bar),
