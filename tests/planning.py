@@ -31,7 +31,7 @@ ENDPOINTS: dict[str, tuple[Any, Any]] = {
 }
 """Start and goal in each room."""
 
-CAR: dict[str, Any] = {"turning_radius": 0.4}
+CAR_OPTIONS: dict[str, Any] = {"turning_radius": 0.4}
 ANYTIME_PLANNERS = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
 """Planners that improve their path until the time limit."""
 
@@ -41,7 +41,7 @@ SPACES_WITH_CURVES = [*((name, None) for name in SPACES), *(("turning", curve) f
 FEW_ROTATIONS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
 """A few rotation cells for each space with rotations."""
 
-ROOMS: dict[str, Any] = {
+ROOM_INPUTS: dict[str, Any] = {
     "plane": (fill_boxes((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
     "turning": (fill_boxes((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]), Robot.rectangle(0.6, 0.3), 24),
     "yawing": (fill_boxes((30, 20, 12), np.s_[13:15, :14]), Robot.box((0.4, 0.2, 0.1)), 12),
@@ -61,7 +61,13 @@ ROOMS: dict[str, Any] = {
 
 def options_for(drive: str | None) -> dict[str, Any]:
     """Return the options of a drive, with a turning radius for cars."""
-    return ({} if drive is None else {"drive": drive}) | (CAR if drive in CURVES else {})
+    return ({} if drive is None else {"drive": drive}) | (CAR_OPTIONS if drive in CURVES else {})
+
+
+def three_rooms(dim: int) -> Workspace:
+    """Build three rooms with doors on alternate sides."""
+    doors = np.s_[12, 2:6], np.s_[26, 9:13]
+    return Workspace.from_array(fill_boxes((40, 16, 6)[:dim], [12, 26], but=doors), 0.1)
 
 
 def compile_for(seconds: float) -> None:
@@ -73,7 +79,7 @@ def compile_for(seconds: float) -> None:
 @cache
 def room(name: str) -> CSpace:
     """Build the map of a room with walls across it."""
-    cells, robot, rotations = ROOMS[name]
+    cells, robot, rotations = ROOM_INPUTS[name]
     return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
 
@@ -87,7 +93,7 @@ def open_map(name: str) -> CSpace:
 
 
 def with_state(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
-    """Build a map of states (x, ...), or (rotation, x, ...) if ``turns`` is given."""
+    """Build a map of states (x, ...), or (rotation, x, ...) with ``turns``."""
     return map_of(state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED)
 
 
@@ -198,7 +204,7 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
 
 
 def plan_patiently(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
-    """Plan with growing time limits until a path is found."""
+    """Plan with growing time limits until a plan is solved."""
     for seed, limit in enumerate(limits, 1):
         plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
         if plan.solved:

@@ -20,6 +20,7 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
 from cspace.rotations.base import TWO_PI
+from tests.handmade import fill_boxes
 from tests.oracles import overlaps_by_shifts
 from tests.refusals import refusals
 from tests.soak.plane import place_polygon
@@ -290,8 +291,7 @@ def test_build_handles_thin_empty_and_full_maps_and_giant_robots(shape, fill, ra
 
 def test_wall_example_has_the_documented_states():
     # A disc of radius 0.29 on cells of 0.1 is FREE from four cells off the wall, BLOCKED up to two.
-    occupied = np.zeros((21, 3), dtype=bool)
-    occupied[10] = True
+    occupied = fill_boxes((21, 3), 10)
     row = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free").cell_states[:, 1]
     assert row.tolist() == [FREE] * 7 + [MIXED] + [BLOCKED] * 5 + [MIXED] + [FREE] * 7
 
@@ -302,9 +302,7 @@ def test_wall_example_has_the_documented_states():
 def test_the_mixed_band_is_thin(robot):
     # No MIXED cell is more than three king's moves from a BLOCKED cell.
     rng = np.random.default_rng(3)
-    occupied = np.zeros((200, 160), dtype=bool)
-    for x, y in rng.integers(0, 150, (30, 2)):
-        occupied[x : x + 9, y : y + 5] = True
+    occupied = fill_boxes((200, 160), *(np.s_[x : x + 9, y : y + 5] for x, y in rng.integers(0, 150, (30, 2))))
     state = cspace.build(Workspace.from_array(occupied, 0.05), robot, outside="free").cell_states
     steps = ndimage.distance_transform_cdt(state != BLOCKED, metric="chessboard")
     assert 1 <= steps[state == MIXED].max() <= 3

@@ -9,13 +9,13 @@ from cspace.shapes import as_shape
 from tests.mesh_files import TETRAHEDRON
 from tests.refusals import refusals
 
-SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+UNIT_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
 
 def test_robots_have_the_given_geometry():
     hole = shapely.box(0, 0, 4, 4).difference(shapely.box(1, 1, 2, 2))
     assert Robot.polygon(hole).geometry.equals(hole)
-    assert Robot.polygon(SQUARE).geometry.equals(shapely.box(0, 0, 1, 1))
+    assert Robot.polygon(UNIT_SQUARE).geometry.equals(shapely.box(0, 0, 1, 1))
     assert Robot.rectangle(2, 1, (3, 4)).geometry.equals(shapely.box(2, 3.5, 4, 4.5))
     assert Robot.disc(2, (1, 0)).geometry.bounds == pytest.approx((-1, -2, 3, 2))
     bitmap = Robot.from_bitmap([[True, False], [True, True]], 0.5, (-0.5, 0)).geometry

@@ -117,8 +117,7 @@ def test_update_returns_the_examined_box() -> None:
 
 def test_update_examines_only_differing_cells() -> None:
     space = room()
-    cells = np.zeros((40, 30), dtype=bool)
-    cells[18:22, 13:17] = True
+    cells = fill_boxes((40, 30), np.s_[18:22, 13:17])
     assert space.update(cells, (0, 0)) == room().update(OBSTACLE, (18, 13))
     nothing = space.update(cells, (0, 0))
     assert (nothing.occupied, nothing.changed, nothing.lower, nothing.upper) == (0, 0, (0, 0), (0, 0))
@@ -206,9 +205,7 @@ def test_prefetched_samples_are_checked_after_an_update(rotations: int | None) -
 
 
 def test_plans_follow_a_door_that_closes_and_opens() -> None:
-    occupied = np.zeros((40, 30), dtype=bool)
-    occupied[20] = True
-    occupied[20, 10:20] = False
+    occupied = fill_boxes((40, 30), 20, but=[np.s_[20, 10:20]])
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2))
     endpoints, door = ((0.5, 1.5), (3.5, 1.5)), np.ones((1, 10), dtype=bool)
     for shut in (False, True, False):
@@ -326,8 +323,7 @@ def test_an_update_interrupted_between_batches_of_slices_is_completed(
     except KeyboardInterrupt:
         assert number < 5
     monkeypatch.setattr(Correlation, "fill", fill)
-    occupied = np.zeros((40, 30), dtype=bool)
-    occupied[18:22, 13:17] = True
+    occupied = fill_boxes((40, 30), np.s_[18:22, 13:17])
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), space.robot, outside="free", rotations=5)
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     np.testing.assert_array_equal(space.workspace.outer, occupied)
@@ -369,9 +365,7 @@ def test_updates_from_threads_wait_for_each_other() -> None:
             space.update(OBSTACLE, place)
 
     while_two_ask(ask, [partial(put, places[::2]), partial(put, places[1::2])])
-    occupied = np.zeros((40, 30), dtype=bool)
-    for x, y in places:
-        occupied[x : x + 4, y : y + 4] = True
+    occupied = fill_boxes((40, 30), *(np.s_[x : x + 4, y : y + 4] for x, y in places))
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), outside="free")
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     q = rng.uniform(-1.0, 5.0, (300, 2))

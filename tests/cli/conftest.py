@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.commands import run
+from tests.handmade import fill_boxes
 
 CUBE_OBJ = """v 0 0 0
 v 1 0 0
@@ -37,11 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     The rooms are 1.2 m by 1.2 m by 0.8 m, with cells of 0.1 m.
     """
     folder = tmp_path_factory.mktemp("files")
-    occupied = np.zeros((25, 12, 8), dtype=bool)
-    occupied[12] = True
-    occupied[12, 4:8, 2:6] = False
-    occupied[21:, :4, :4] = True
-    occupied[22:, :3, :3] = False
+    occupied = fill_boxes((25, 12, 8), 12, np.s_[21:, :4, :4], but=(np.s_[12, 4:8, 2:6], np.s_[22:, :3, :3]))
     np.save(folder / "rooms.npy", occupied)
     np.save(folder / "floor.npy", occupied[:, :, 2])
     rows = ["voxel 25 12 8", *(" ".join(map(str, index)) for index in np.argwhere(occupied).tolist())]

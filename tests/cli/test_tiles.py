@@ -9,14 +9,13 @@ import zarr
 import cspace
 import cspace.builder
 from cspace.plot import save_plot
-from tests.commands import run
+from tests.handmade import fill_boxes
 
 
 @pytest.fixture(scope="module")
 def city(tmp_path_factory):
     folder = tmp_path_factory.mktemp("city")
-    occupied = np.zeros((120, 100), dtype=bool)
-    occupied[40:60, 20:50] = occupied[80:90, 40:100] = True
+    occupied = fill_boxes((120, 100), np.s_[40:60, 20:50], np.s_[80:90, 40:100])
     zarr.create_array(str(folder / "city.zarr"), data=occupied, chunks=(50, 50), config={"write_empty_chunks": True})
     np.save(folder / "city.npy", occupied)
     return folder, cspace.Workspace.from_array(occupied, 0.1)

@@ -13,10 +13,11 @@ import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
+from tests.handmade import fill_boxes
 from tests.planning import room, turn_between, with_state
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
-RADII = [0.3, 1.0, 4.0]
+TURNING_RADII = [0.3, 1.0, 4.0]
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,7 @@ def drive(first: Any, word: Any, radius: float, steps: int = 4000) -> np.ndarray
 # ---- words -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("radius", RADII)
+@pytest.mark.parametrize("radius", TURNING_RADII)
 @pytest.mark.parametrize("name", CURVES)
 def test_curves_are_at_most_as_long_as_ompls(name: str, radius: float) -> None:
     states, curves, longer = OMPL_SPACES[name](radius), curve(name, radius), 0
@@ -197,10 +198,10 @@ def test_the_curve_that_ompl_interpolates_is_free(space: CSpace, name: str) -> N
 
 def test_two_equally_short_curves_must_both_be_free() -> None:
     # Two such curves lead a car without reverse to a goal straight behind.
-    occupied = np.zeros((200, 200), dtype=bool)
-    clear = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
-    occupied[80:120, 79:85] = True
-    blocked = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
+    clear, blocked = (
+        build(Workspace.from_array(fill_boxes((200, 200), *boxes), 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
+        for boxes in ((), (np.s_[80:120, 79:85],))
+    )
     for a, b in (((10.0, 10.0, 0.0), (9.0, 10.0, 0.0)), ((10.0, 10.0, 0.0), (8.5, 10.0, 0.0))):
         assert local_planner(clear, False, "dubins", 1.0).edge_checker()(*a, *b)
         assert not local_planner(blocked, False, "dubins", 1.0).edge_checker()(*a, *b)

@@ -9,7 +9,7 @@ from ompl import base as ob
 import planners
 from cspace import CSpace, InputError, Robot, Workspace, build
 from tests.handmade import fill_boxes
-from tests.planning import CAR, SPACES, bounds_of, draw_around, edges_from, room, state_at
+from tests.planning import CAR_OPTIONS, SPACES, bounds_of, draw_around, edges_from, room, state_at
 
 
 @pytest.fixture(params=SPACES)
@@ -103,7 +103,7 @@ def test_curves_require_a_robot_that_rotates_in_the_plane() -> None:
     for name, message in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave drive out")):
         space = room(name)
         si = planners.simple_setup(space).getSpaceInformation()
-        options: dict[str, Any] = {"drive": "dubins", **CAR}
+        options: dict[str, Any] = {"drive": "dubins", **CAR_OPTIONS}
         for make in (
             lambda space=space, options=options: planners.state_space(space, **options),
             lambda space=space, options=options: planners.simple_setup(space, **options),

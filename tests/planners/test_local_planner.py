@@ -13,6 +13,7 @@ import planners
 from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
 from planners import search
 from planners.local_planner import TurnDriveTurn, local_planner
+from tests.handmade import fill_boxes
 from tests.maps import proven_paths
 from tests.placements import collides
 from tests.planning import ENDPOINTS, check, open_map, plan_patiently, room, state_at, turn_between, with_state
@@ -220,9 +221,7 @@ def test_remove_turns_keeps_the_yaw_of_arrival(drive: str) -> None:
 
 
 def test_exact_geometry_proves_a_path_through_mixed_cells() -> None:
-    occupied = np.zeros((40, 40), dtype=bool)
-    occupied[18:22] = True
-    occupied[18:22, 18:22] = False  # a gap of 0.4 m in a wall
+    occupied = fill_boxes((40, 40), np.s_[18:22], but=[np.s_[18:22, 18:22]])  # a gap of 0.4 m in a wall
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.36), rotations=72)
     endpoints = (1.0, 2.0, 0.0), (3.0, 2.0, 0.0)
     assert proven_paths(space, *endpoints) is None

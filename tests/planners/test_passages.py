@@ -12,9 +12,7 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.search import open_chain
 from planners.local_planner import EdgesOnMap
-from tests.maps import proven_paths
-from tests.placements import collides
-from tests.planning import along_edge, compile_for
+from tests.planning import along_edge, compile_for, three_rooms
 
 WIDTH = 0.5
 """Width of the robot in metres."""
@@ -89,15 +87,6 @@ def test_a_wide_corridor_needs_no_passage_search():
     assert (space.classify(plan.path) == FREE).any()
 
 
-def doors(robot, rotations):
-    """Build three rooms with doors on alternate sides."""
-    dim = robot.dim
-    occupied = np.zeros((40, 16, 6)[:dim], dtype=bool)
-    occupied[[12, 26]] = True
-    occupied[12, 2:6] = occupied[26, 9:13] = False
-    return cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
-
-
 @pytest.mark.parametrize("exact", [False, True])
 @pytest.mark.parametrize(
     ("robot", "rotations", "turn"),
@@ -111,7 +100,7 @@ def doors(robot, rotations):
     ids=["R^2", "R^3", "SE(2)", "R^3 x yaw", "SE(3)"],
 )
 def test_a_slow_planner_is_replaced_by_a_path_along_free_cells(monkeypatch, robot, rotations, turn, exact):
-    space = doors(robot, rotations)
+    space = cspace.build(three_rooms(robot.dim), robot, rotations=rotations)
     endpoints = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
     assert space.is_connected(*endpoints)
     monkeypatch.setattr(planners.passages, "MAX_ITERATIONS_BEFORE_GRID", 1)

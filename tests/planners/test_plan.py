@@ -24,7 +24,7 @@ from planners.catalogue import (
 from planners.local_planner import CURVES
 from tests.planning import (
     ANYTIME_PLANNERS,
-    CAR,
+    CAR_OPTIONS,
     ENDPOINTS,
     SPACES,
     SPACES_WITH_CURVES,
@@ -76,7 +76,7 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
     )
     check(space, plan, *endpoints)
     assert (plan.planner, plan.objective, plan.drive, plan.exact) == (planner, "length", curve or "holonomic", False)
-    assert plan.is_connected and plan.turning_radius == (CAR["turning_radius"] if curve else None)
+    assert plan.is_connected and plan.turning_radius == (CAR_OPTIONS["turning_radius"] if curve else None)
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}  # type: ignore[union-attr]
 
 
@@ -473,7 +473,7 @@ def test_a_custom_objective_is_called_and_widens_the_path() -> None:
     assert wide.clearance > short.clearance + 0.15 and wide.length > short.length
     assert wide.path.tolist() == same.path.tolist()
     assert (short.objective, wide.objective, same.objective) == ("length", "custom", "clearance")
-    # Of the quick paths that a planner must beat, only the best is improved to the end.
+    # Only the best quick path that a planner must beat is improved to the end.
     calls.clear()
     planners.plan(space, *ENDPOINTS["plane"], objective=lambda si: Counted(si, space), **options | {"iterations": 1})
     assert 100 < len(calls) < 25_000

@@ -17,7 +17,7 @@ from cspace.files import ros as messages
 from tests.planning import ENDPOINTS, SPACES, room
 from tests.urdfs import joint, link, planar, post, write_urdf
 
-LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 1.0}
+TIMING_LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 1.0}
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,9 @@ def test_elements_have_the_class_declared_by_the_message(arm_plan: planners.Plan
     assert plan.to_path(msg) is msg
     assert {type(pose) for pose in msg.poses} == {PoseStamped}
     assert all(pose.header.stamp == messages.Time(7, 8) for pose in msg.poses)
-    trajectory = arm_plan.trajectory(**LIMITS, duration=12.5).to_joint_trajectory(TrajectoryOf1(), frame_id="base")
+    trajectory = arm_plan.trajectory(**TIMING_LIMITS, duration=12.5).to_joint_trajectory(
+        TrajectoryOf1(), frame_id="base"
+    )
     assert {type(point) for point in trajectory.points} == {Point} and trajectory.header.frame_id == "base"
     last = trajectory.points[-1].time_from_start
     assert (last.secs, last.nsecs) == (12, 500_000_000)
@@ -103,7 +105,7 @@ def test_joints_named_x_and_y_give_no_pose(tmp_path: Path) -> None:
     rails = joint("x", "foot", "rail", axis=(1, 0, 0), **slides), joint("y", "rail", "head", axis=(0, 1, 0), **slides)
     space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *parts, *rails)))
     plan = planners.plan(space, (0.0, 0.0), (0.5, 0.5))
-    assert plan.trajectory(**LIMITS).to_joint_trajectory().joint_names == ["x", "y"]
+    assert plan.trajectory(**TIMING_LIMITS).to_joint_trajectory().joint_names == ["x", "y"]
     with pytest.raises(InputError, match="plan moves the joints x, y; a path holds poses"):
         plan.to_path()
 
@@ -113,7 +115,7 @@ def test_plans_of_the_other_kind_and_without_a_path_are_refused(arm_plan: planne
         arm_plan.to_path()
     plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=20.0)
     with pytest.raises(InputError, match=r"msg has no header\.frame_id; .*JointTrajectory"):
-        arm_plan.trajectory(**LIMITS).to_joint_trajectory(SimpleNamespace(header=None))
+        arm_plan.trajectory(**TIMING_LIMITS).to_joint_trajectory(SimpleNamespace(header=None))
     with pytest.raises(InputError, match=r"msg has no poses; it must have the fields of nav_msgs/Path"):
         plan.to_path(SimpleNamespace(header=SimpleNamespace(frame_id="")))
     with pytest.raises(InputError, match="plan has no path: no path exists: proven"):

@@ -23,6 +23,7 @@ from cspace.plot import thumbnail
 from cspace.plot.route import collect_marks
 from planners.local_planner import HOLONOMIC, local_planner
 from tests import solids
+from tests.handmade import fill_boxes
 from tests.planning import (
     ENDPOINTS,
     SPACES,
@@ -180,8 +181,7 @@ def test_distances_follow_the_map_and_pickles_keep_the_clearance() -> None:
 
 
 def test_tiled_maps_show_the_clearance_instead_of_the_obstacle_distance(tmp_path: Path) -> None:
-    occupied = np.zeros((60, 60), dtype=bool)
-    occupied[:20, 30] = True
+    occupied = fill_boxes((60, 60), np.s_[:20, 30])
     tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30)
     plan = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
     assert math.isnan(plan.obstacle_distance) and plan.shown_distance == ("clearance", plan.clearance)

@@ -12,8 +12,7 @@ import planners
 from cspace import InputError
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
-from tests.missing import output_without
-from tests.planning import CAR, SPACES, room
+from tests.planning import CAR_OPTIONS, SPACES, room
 from tests.refusals import refusals
 
 
@@ -122,7 +121,7 @@ def test_planner_names_ignore_case(name: str) -> None:
 @pytest.mark.parametrize("drive", DRIVES)
 def test_fmt_starts_with_fewer_samples_along_curves(drive: str) -> None:
     # A step of FMT computes distances between most samples without a check of the time.
-    car = CAR if drive in CURVES else {}
+    car = CAR_OPTIONS if drive in CURVES else {}
     si = planners.simple_setup(room("turning"), drive=drive, **car).getSpaceInformation()
     for name in ("FMT", "BFMT"):
         assert make_planner(name, si).getNumSamples() == (1000 if drive == "holonomic" else 300)

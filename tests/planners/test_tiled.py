@@ -7,6 +7,8 @@ import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
+from tests.handmade import fill_boxes
+from tests.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
 
@@ -57,30 +59,40 @@ def test_disconnection_is_proven(tmp_path):
 
 
 def test_the_status_tells_if_existence_is_undecided(tmp_path):
-    walls = np.zeros((60, 40), dtype=bool)
-    walls[30:32, 4:] = True  # a gap as wide as the robot
-    workspace = cspace.Workspace.from_array(walls, 0.1)
+    # The gap is as wide as the robot.
+    workspace = cspace.Workspace.from_array(fill_boxes((60, 40), np.s_[30:32, 4:]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=15)
     plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
     assert not plan.solved and not (plan.is_connected or plan.is_disconnected)
     assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
 
 
-def test_plans_on_tiled_maps_reject_invalid_arguments(tmp_path):
-    tiled = cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path / "m", tile=20)
+@pytest.fixture(scope="module")
+def tiled_maze(tmp_path_factory):
+    return cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path_factory.mktemp("maze") / "m", tile=20)
+
+
+def test_a_blocked_goal_on_a_tiled_map_is_refused_with_the_nearest_free_one(tiled_maze):
     with pytest.raises(ConfigurationError, match=r"goal .*BLOCKED.*the nearest is") as caught:
-        planners.plan(tiled, [0.7, 0.7], [1.55, 4.0])
-    assert tiled.is_free(caught.value.nearest)
-    with pytest.raises(ConfigurationError, match=r"start .* lies outside"):
-        planners.plan(tiled, [-0.7, 0.7], [0.7, 0.7])
-    with pytest.raises(ConfigurationError, match="exact needs a map in memory"):
-        planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], exact=True)
-    with pytest.raises(ConfigurationError, match="overlap_field needs a map in memory"):
-        planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], objective="overlap", planner="RRTstar")
-    with pytest.raises(InputError, match=r"it is for the axes .x, y, yaw."):
-        planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], drive="dubins", turning_radius=1.0)
+        planners.plan(tiled_maze, [0.7, 0.7], [1.55, 4.0])
+    assert tiled_maze.is_free(caught.value.nearest)
+
+
+@refusals(
+    "options, message",
+    ({"start": [-0.7, 0.7]}, r"start .* lies outside"),
+    ({"exact": True}, "exact needs a map in memory"),
+    ({"objective": "overlap", "planner": "RRTstar"}, "overlap_field needs a map in memory"),
+    ({"drive": "dubins", "turning_radius": 1.0}, r"it is for the axes .x, y, yaw."),
+)
+def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, message):
+    with pytest.raises(InputError, match=message):
+        planners.plan(tiled_maze, **{"start": [0.7, 0.7], "goal": [0.7, 5.0], **options})
+
+
+def test_setups_for_tiled_maps_are_refused(tiled_maze):
     with pytest.raises(ConfigurationError, match="needs a map in memory"):
-        planners.simple_setup(tiled)
+        planners.simple_setup(tiled_maze)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""Trajectories stay on the proven edges, obey their limits, and are the fastest that do.
+"""Trajectories: proven edges, limits, shortest times, messages, files and pictures.
 
-Oracles: SciPy's rotations, OMPL's own curves, differences of positions, a linear program, and a phase plane in steps.
+Oracles: SciPy's rotations, OMPL's curves, differences of positions, a linear program, and steps in the phase plane.
 """
 
 import csv
@@ -25,12 +25,12 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from tests.planning import CAR, ENDPOINTS, SPACES, open_map, room, turn_between
+from tests.planning import CAR_OPTIONS, ENDPOINTS, SPACES, open_map, room, turn_between
 from tests.refusals import refusals
 from tests.strategies import seeds
 from tests.urdfs import joint, link, planar, write_urdf
 
-AXES: dict[str, tuple[str, ...]] = {
+AXES_OF_KIND: dict[str, tuple[str, ...]] = {
     "plane": ("x", "y"),
     "turning": ("x", "y", "yaw"),
     "space": ("x", "y", "z"),
@@ -38,31 +38,31 @@ AXES: dict[str, tuple[str, ...]] = {
     "floating": ("x", "y", "z", "qx", "qy", "qz", "qw"),
     "joints": ("shoulder", "lift", "wrist"),
 }
-UNITS = {"yaw": "rad", "shoulder": "rad", "wrist": "rad", **dict.fromkeys(("qx", "qy", "qz", "qw"), "1")}
+AXIS_UNITS = {"yaw": "rad", "shoulder": "rad", "wrist": "rad", **dict.fromkeys(("qx", "qy", "qz", "qw"), "1")}
 OMPL_CURVES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
-ROTATION = {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
-LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 0.5}
+ROTATION_LIMITS = {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
+TRANSLATION_LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 0.5}
 
 
 @cache
 def template() -> planners.Plan:
-    """Return a plan whose path is replaced."""
+    """Return a plan that other plans replace in part."""
     return planners.plan(open_map("plane"), (1.5, 1.5), (5.5, 2.5), time_limit=5.0, seed=1)
 
 
 def plan_along(kind: str, waypoints: Any, drive: str = "holonomic", radius: float | None = None) -> planners.Plan:
     """Return a plan along waypoints, without a map."""
-    rows, axes = np.asarray(waypoints, dtype=float), AXES[kind]
-    units = tuple(UNITS.get(axis, "m") for axis in axes)
+    rows, axes = np.asarray(waypoints, dtype=float), AXES_OF_KIND[kind]
+    units = tuple(AXIS_UNITS.get(axis, "m") for axis in axes)
     changes: dict[str, Any] = {"path": rows, "waypoints": rows, "axes": axes, "units": units, "space": None}
     return replace(template(), **changes, drive=drive, turning_radius=radius)
 
 
 def draw_waypoints(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Draw configurations, of which some repeat the translation or the whole of the one before."""
+    """Draw configurations, some equal to their predecessor in part."""
     dim = 3 if kind in ("space", "yawing", "floating", "joints") else 2
     places = rng.uniform(-3.0, 3.0, (count, dim))
-    turns = rng.uniform(-math.pi, math.pi, (count, len(AXES[kind]) - dim))
+    turns = rng.uniform(-math.pi, math.pi, (count, len(AXES_OF_KIND[kind]) - dim))
     if kind == "floating":
         turns = Rotation.random(count, random_state=rng).as_quat() * rng.choice([-1.0, 1.0], (count, 1))
     rows = np.column_stack([places, turns])
@@ -72,19 +72,19 @@ def draw_waypoints(kind: str, rng: np.random.Generator, count: int) -> np.ndarra
     return rows
 
 
-def limits_for(kind: str, rng: np.random.Generator) -> dict[str, Any]:
-    """Draw limits: of the whole translation, or of each axis."""
+def draw_limits(kind: str, rng: np.random.Generator) -> dict[str, Any]:
+    """Draw limits of the whole translation or of each axis."""
     dim = 2 if kind in ("plane", "turning") else 3
     each = rng.random() < 0.5
     names = ["max_velocity", "max_acceleration"]
     drawn: dict[str, Any] = {name: np.exp(rng.uniform(-2.0, 2.0, dim if each else None)) for name in names}
     if kind in ("turning", "yawing", "floating"):
-        drawn |= {name: float(np.exp(rng.uniform(-2.0, 2.0))) for name in ROTATION}
+        drawn |= {name: float(np.exp(rng.uniform(-2.0, 2.0))) for name in ROTATION_LIMITS}
     return drawn
 
 
 def displacement(kind: str, first: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return translations and rotation vectors from one configuration to others, shape (n, k)."""
+    """Return translations and rotation vectors to configurations, shape (n, k)."""
     if kind == "floating":
         turns = (Rotation.from_quat(first[3:]).inv() * Rotation.from_quat(q[:, 3:])).as_rotvec()
         return np.column_stack([q[:, :3] - first[:3], turns])
@@ -94,7 +94,7 @@ def displacement(kind: str, first: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def distances_to_edges(kind: str, waypoints: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the distance of configurations from the straight edges, in metres and radians together."""
+    """Return distances from straight edges, in metres and radians together."""
     found = np.full(len(q), np.inf)
     for first, last in itertools.pairwise(waypoints):
         step, offsets = displacement(kind, first, last[None])[0], displacement(kind, first, q)
@@ -113,13 +113,13 @@ def differences(kind: str, rows: Any, t: np.ndarray, h: float) -> np.ndarray:
 
 
 def inner_times(trajectory: planners.Trajectory, gap: float) -> np.ndarray:
-    """Return times halfway between rows that are more than ``gap`` apart: there is no jump nearby."""
+    """Return times halfway between rows more than ``gap`` apart, far from jumps."""
     first, last = trajectory.times[:-1], trajectory.times[1:]
     return ((first + last) / 2.0)[last - first > gap]
 
 
 def rates_of(kind: str, velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return velocities of the translation, or of the joints, and angular speeds."""
+    """Return velocities of translation or joints, and angular speeds."""
     if kind == "floating":
         return velocities[:, :3], 2.0 * np.linalg.norm(velocities[:, 3:], axis=1)
     if kind in ("turning", "yawing"):
@@ -134,10 +134,10 @@ def excess(kind: str, rates: np.ndarray, limit: Any) -> float:
 
 
 @settings(deadline=None)
-@given(seed=seeds, count=st.integers(1, 5), kind=st.sampled_from(sorted(AXES)))
-def test_straight_edges_are_followed_within_limits_from_rest_to_rest(seed: int, count: int, kind: str) -> None:
+@given(seed=seeds, count=st.integers(1, 5), kind=st.sampled_from(sorted(AXES_OF_KIND)))
+def test_trajectories_follow_straight_edges_within_limits_from_rest_to_rest(seed: int, count: int, kind: str) -> None:
     rng = np.random.default_rng(seed)
-    waypoints, limits = draw_waypoints(kind, rng, count), limits_for(kind, rng)
+    waypoints, limits = draw_waypoints(kind, rng, count), draw_limits(kind, rng)
     trajectory = plan_along(kind, waypoints).trajectory(**limits)
     dense = np.linspace(-0.1, trajectory.duration + 0.1, 400)
     for t in (trajectory.times, dense):
@@ -152,7 +152,7 @@ def test_straight_edges_are_followed_within_limits_from_rest_to_rest(seed: int, 
             displacement(kind, waypoint, trajectory.positions[row : row + 1 or None]), 0.0, atol=1e-9
         )
         assert not trajectory.velocities[row].any()
-    # Every waypoint is reached, at rest where the path has a corner.
+    # Every waypoint is reached, at rest if the path has a corner there.
     for before, waypoint, after in zip(waypoints, waypoints[1:], waypoints[2:], strict=False):
         steps = [displacement(kind, a, b[None])[0] for a, b in ((before, waypoint), (waypoint, after))]
         lengths = [float(np.linalg.norm(step)) for step in steps]
@@ -163,10 +163,10 @@ def test_straight_edges_are_followed_within_limits_from_rest_to_rest(seed: int, 
 
 
 @settings(deadline=None)
-@given(seed=seeds, kind=st.sampled_from(sorted(AXES)))
-def test_velocities_and_accelerations_are_differences(seed: int, kind: str) -> None:
+@given(seed=seeds, kind=st.sampled_from(sorted(AXES_OF_KIND)))
+def test_velocities_and_accelerations_equal_differences(seed: int, kind: str) -> None:
     rng = np.random.default_rng(seed)
-    limits = limits_for(kind, rng)
+    limits = draw_limits(kind, rng)
     trajectory = plan_along(kind, draw_waypoints(kind, rng, 4)).trajectory(**limits)
     t, h = inner_times(trajectory, 4e-3), 1e-3
     assume(len(t))
@@ -182,7 +182,7 @@ def test_velocities_and_accelerations_are_differences(seed: int, kind: str) -> N
 
 
 def covered_share(step: np.ndarray, velocity: Any, acceleration: Any, duration: float, count: int = 200) -> float:
-    """Return the share of a step that a motion from rest to rest covers at most in a duration, by a linear program."""
+    """Return the largest share of a step covered in a duration, by a linear program."""
     dt = duration / count
     top = (velocity / np.abs(step)).min()
     gain = (acceleration / np.abs(step)).min() * dt
@@ -199,18 +199,20 @@ def covered_share(step: np.ndarray, velocity: Any, acceleration: Any, duration: 
 @given(seed=seeds)
 def test_no_motion_along_an_edge_is_faster(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    limits, step = limits_for("joints", rng), rng.uniform(-3.0, 3.0, 3)
+    limits, step = draw_limits("joints", rng), rng.uniform(-3.0, 3.0, 3)
     trajectory = plan_along("joints", [np.zeros(3), step]).trajectory(**limits)
     share = covered_share(step, limits["max_velocity"], limits["max_acceleration"], trajectory.duration)
-    assert 0.995 < share <= 1.0 + 1e-9  # the program's velocity changes its slope at 200 times only
+    assert 0.995 < share <= 1.0 + 1e-9  # the program's acceleration changes at 200 times only
 
 
 @settings(deadline=None)
-@given(seed=seeds, cuts=st.lists(st.floats(0.01, 0.99), min_size=1, max_size=5), kind=st.sampled_from(sorted(AXES)))
+@given(
+    seed=seeds, cuts=st.lists(st.floats(0.01, 0.99), min_size=1, max_size=5), kind=st.sampled_from(sorted(AXES_OF_KIND))
+)
 def test_waypoints_on_a_straight_edge_cost_no_time(seed: int, cuts: list[float], kind: str) -> None:
     rng = np.random.default_rng(seed)
     first, last = draw_waypoints(kind, rng, 2)
-    step, limits = displacement(kind, first, last[None])[0], limits_for(kind, rng)
+    step, limits = displacement(kind, first, last[None])[0], draw_limits(kind, rng)
     assume(np.linalg.norm(step) > 0.1)
     whole = plan_along(kind, [first, last]).trajectory(**limits)
     shares = np.array([0.0, *sorted(set(np.round(cuts, 3))), 1.0])
@@ -265,7 +267,7 @@ def interpolate_curve(plan: planners.Plan, shares: np.ndarray) -> np.ndarray:
     count=st.integers(2, 4),
     drive=st.sampled_from(sorted(OMPL_CURVES)),
     options=st.fixed_dictionaries(
-        {}, optional={name: st.floats(0.1, 3.0) for name in (*ROTATION, "max_lateral_acceleration")}
+        {}, optional={name: st.floats(0.1, 3.0) for name in (*ROTATION_LIMITS, "max_lateral_acceleration")}
     ),
 )
 def test_cars_follow_their_curves_within_limits(seed: int, count: int, drive: str, options: dict[str, float]) -> None:
@@ -275,7 +277,7 @@ def test_cars_follow_their_curves_within_limits(seed: int, count: int, drive: st
     speeds = np.linalg.norm(velocities[:, :2], axis=1)
     # Speed is linear between rows, so trapezoids give the metres.
     metres = np.concatenate([[0.0], np.cumsum(np.diff(trajectory.times) * (speeds[1:] + speeds[:-1]) / 2.0)])
-    # It reaches each waypoint after the metres of the shortest curve, as a car: that makes it a shortest curve.
+    # The car reaches each waypoint after the length of the shortest curve, so it drives such a curve.
     for length, waypoint in zip(np.cumsum(measure_edges(plan)), plan.waypoints[1:], strict=True):
         row = np.abs(metres - length).argmin()
         np.testing.assert_allclose(metres[row], length, atol=1e-8)
@@ -312,7 +314,7 @@ def test_cars_follow_their_curves_within_limits(seed: int, count: int, drive: st
 
 
 def phase_plane_seconds(tops: np.ndarray, acceleration: float, ds: float) -> float:
-    """Return the shortest time along steps of length ``ds`` with largest speeds, from rest to rest."""
+    """Return the shortest time from rest to rest along steps ``ds`` with speed limits."""
     speeds = [0.0, *np.minimum(tops[1:], tops[:-1]).tolist(), 0.0]
     for _ in range(2):
         for k in range(1, len(speeds)):
@@ -324,7 +326,7 @@ def phase_plane_seconds(tops: np.ndarray, acceleration: float, ds: float) -> flo
 @settings(deadline=None, max_examples=10)
 @given(seed=seeds)
 def test_no_motion_along_a_curve_is_faster(seed: int) -> None:
-    """A Dubins curve has no cusp; its arcs are slower by the lateral acceleration."""
+    # A Dubins curve has no cusp; the lateral acceleration limits the speed on arcs.
     plan, count = car_plan("dubins", np.random.default_rng(seed), 2), 10_000
     trajectory = plan.trajectory(max_velocity=1.5, max_acceleration=0.5, max_lateral_acceleration=0.6)
     length, rows = measure_edges(plan)[0], interpolate_curve(plan, np.linspace(0.0, 1.0, count + 1))
@@ -344,19 +346,19 @@ def test_no_motion_along_a_curve_is_faster(seed: int) -> None:
     ],
 )
 def test_plans_in_every_space_and_of_every_drive_have_trajectories(name: str, drive: str) -> None:
-    options = CAR if drive in OMPL_CURVES else {}
+    options = CAR_OPTIONS if drive in OMPL_CURVES else {}
     plan = planners.plan(room(name), *ENDPOINTS[name], drive=drive, time_limit=20.0, seed=1, **options)
-    turns = ROTATION if name in ("turning", "yawing", "floating") and not options else {}
-    trajectory = plan.trajectory(**LIMITS, **turns)
+    turns = ROTATION_LIMITS if name in ("turning", "yawing", "floating") and not options else {}
+    trajectory = plan.trajectory(**TRANSLATION_LIMITS, **turns)
     assert (
         trajectory.axes == plan.axes
         and trajectory.units == plan.units
         and f"{trajectory.duration:.3f} s" in repr(trajectory)
     )
     assert room(name).is_free(trajectory.positions).all()
-    if not options:  # waypoints of a differential drive are joined by straight edges too
+    if not options:  # waypoints of differential drives are also joined by straight edges
         assert distances_to_edges(name, plan.waypoints, trajectory.positions).max() < 1e-9
-    left = pickle.loads(pickle.dumps(plan)).trajectory(**LIMITS, **turns)
+    left = pickle.loads(pickle.dumps(plan)).trajectory(**TRANSLATION_LIMITS, **turns)
     np.testing.assert_array_equal(left.positions, trajectory.positions)
     kept = pickle.loads(pickle.dumps(trajectory))
     np.testing.assert_array_equal(kept.sample(1.0)[0], trajectory.sample(1.0)[0])
@@ -364,7 +366,7 @@ def test_plans_in_every_space_and_of_every_drive_have_trajectories(name: str, dr
 
 def test_a_differential_drive_never_drives_and_turns_at_once() -> None:
     plan = planners.plan(room("turning"), *ENDPOINTS["turning"], drive="differential", time_limit=20.0, seed=1)
-    _, velocities, _ = plan.trajectory(**LIMITS, **ROTATION).sample(np.linspace(0.0, 60.0, 5000))
+    _, velocities, _ = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS).sample(np.linspace(0.0, 60.0, 5000))
     assert (np.linalg.norm(velocities[:, :2], axis=1) * np.abs(velocities[:, 2]) < 1e-12).all()
 
 
@@ -373,7 +375,7 @@ def test_a_differential_drive_never_drives_and_turns_at_once() -> None:
 
 @pytest.fixture(scope="module")
 def arm_plan(tmp_path_factory: pytest.TempPathFactory) -> planners.Plan:
-    """Return the plan of an arm: a joint that mimics its shoulder limits that to 0.4 rad/s; the elbow has 1 rad/s."""
+    """Plan for an arm with velocity limits of 0.4 rad/s, due to a mimic joint, and 1 rad/s."""
     pytest.importorskip("yourdfpy")
     mimic = '<mimic joint="shoulder" multiplier="-2.5"/>'
     parts = [
@@ -399,7 +401,7 @@ def test_arms_move_within_the_velocity_limits_of_the_urdf(arm_plan: planners.Pla
     )
 
 
-def test_arms_without_velocity_limits_need_them(tmp_path: Path) -> None:
+def test_arms_without_velocity_limits_require_them(tmp_path: Path) -> None:
     pytest.importorskip("yourdfpy")
     path = planar(tmp_path)
     path.write_text(path.read_text().replace('velocity="1"', 'velocity="0"', 1))
@@ -415,11 +417,13 @@ def test_arms_without_velocity_limits_need_them(tmp_path: Path) -> None:
     )
 
 
-def test_cubic_polynomials_of_the_joint_message_are_the_motion() -> None:
-    trajectory = plan_along("joints", draw_waypoints("joints", np.random.default_rng(2), 4)).trajectory(**LIMITS)
+def test_cubic_polynomials_of_the_joint_message_equal_the_motion() -> None:
+    trajectory = plan_along("joints", draw_waypoints("joints", np.random.default_rng(2), 4)).trajectory(
+        **TRANSLATION_LIMITS
+    )
     msg = trajectory.to_joint_trajectory(frame_id="base")
     assert isinstance(msg, messages.JointTrajectory)
-    assert (msg.joint_names, msg.header.frame_id) == (list(AXES["joints"]), "base")
+    assert (msg.joint_names, msg.header.frame_id) == (list(AXES_OF_KIND["joints"]), "base")
     times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in msg.points]
     spline = CubicHermiteSpline(
         times, *([getattr(p, name) for p in msg.points] for name in ("positions", "velocities"))
@@ -431,21 +435,21 @@ def test_cubic_polynomials_of_the_joint_message_are_the_motion() -> None:
 # ---- times, messages, files and pictures -----------------------------------------------------------------------------
 
 
-def test_a_duration_slows_the_whole_motion_down() -> None:
+def test_a_longer_duration_slows_the_whole_motion() -> None:
     plan = plan_along("turning", draw_waypoints("turning", np.random.default_rng(1), 4))
-    fastest = plan.trajectory(**LIMITS, **ROTATION)
-    slow = plan.trajectory(**LIMITS, **ROTATION, duration=3.0 * fastest.duration)
+    fastest = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS)
+    slow = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS, duration=3.0 * fastest.duration)
     assert slow.duration == pytest.approx(3.0 * fastest.duration)
     t = np.linspace(0.0, fastest.duration, 99)
     for factor, one, other in zip((1.0, 3.0, 9.0), fastest.sample(t), slow.sample(3.0 * t), strict=True):
         np.testing.assert_allclose(one[::2], factor * other[::2], atol=1e-6)
     with pytest.raises(InputError, match=r"duration is 1\.0; the limits need"):
-        plan.trajectory(**LIMITS, **ROTATION, duration=1.0)
+        plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS, duration=1.0)
 
 
-def test_rows_are_as_near_as_asked_and_rise_in_time() -> None:
+def test_rows_are_at_most_a_time_step_apart() -> None:
     plan = plan_along("floating", draw_waypoints("floating", np.random.default_rng(3), 6))
-    trajectory = plan.trajectory(**LIMITS, **ROTATION, time_step=0.02)
+    trajectory = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS, time_step=0.02)
     gaps = np.diff(trajectory.times)
     assert trajectory.times[0] == 0.0 and gaps.min() > 0.0 and gaps.max() <= 0.02 * (1.0 + 1e-9)
     for rows, sampled in zip(
@@ -463,7 +467,7 @@ def test_rows_are_as_near_as_asked_and_rise_in_time() -> None:
 
 def test_a_plan_that_stays_takes_no_time() -> None:
     for rows in ([(1.0, 2.0)], [(1.0, 2.0)] * 3):
-        trajectory = plan_along("plane", rows).trajectory(**LIMITS)
+        trajectory = plan_along("plane", rows).trajectory(**TRANSLATION_LIMITS)
         assert trajectory.duration == 0.0 and trajectory.positions.tolist() == [[1.0, 2.0]]
         assert not any(each.any() for each in trajectory.sample((-1.0, 0.0, 1.0))[1:])
         trajectory.plot()
@@ -471,7 +475,7 @@ def test_a_plan_that_stays_takes_no_time() -> None:
 
 def test_poses_of_the_path_message_are_stamped() -> None:
     plan = plan_along("turning", draw_waypoints("turning", np.random.default_rng(1), 3))
-    trajectory = plan.trajectory(**LIMITS, **ROTATION)
+    trajectory = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS)
     msg = messages.Path()
     msg.header.stamp = messages.Time(7, 900_000_000)
     assert trajectory.to_path(msg, frame_id="odom") is msg and msg.header.stamp == messages.Time(7, 900_000_000)
@@ -487,7 +491,7 @@ def test_poses_of_the_path_message_are_stamped() -> None:
 
 
 def test_csv_holds_times_positions_and_velocities(tmp_path: Path) -> None:
-    trajectory = plan_along("plane", [(0, 0), (1, 2), (3, 1)]).trajectory(**LIMITS)
+    trajectory = plan_along("plane", [(0, 0), (1, 2), (3, 1)]).trajectory(**TRANSLATION_LIMITS)
     trajectory.to_csv(tmp_path / "motion.csv")
     with (tmp_path / "motion.csv").open(newline="") as file:
         names, *rows = csv.reader(file)
@@ -506,7 +510,7 @@ def test_csv_holds_times_positions_and_velocities(tmp_path: Path) -> None:
 )
 def test_the_picture_shows_speed_over_time(kind: str, labels: list[str]) -> None:
     plan = plan_along(kind, draw_waypoints(kind, np.random.default_rng(4), 4))
-    trajectory = plan.trajectory(**LIMITS, **(ROTATION if kind == "turning" else {}))
+    trajectory = plan.trajectory(**TRANSLATION_LIMITS, **(ROTATION_LIMITS if kind == "turning" else {}))
     ax = trajectory.plot()
     sides = ax.figure.axes
     assert [side.get_ylabel() for side in sides] == labels and ax.get_xlabel() == "time (s)"
@@ -515,7 +519,9 @@ def test_the_picture_shows_speed_over_time(kind: str, labels: list[str]) -> None
     translation, rotation = rates_of(kind, trajectory.sample(t)[1])
     curves = [*translation.T] if kind == "joints" else [np.linalg.norm(translation, axis=1), rotation]
     named = {line.get_label(): line for line in lines}
-    for name, curve in zip(AXES["joints"] if kind == "joints" else ("speed", "angular speed"), curves, strict=True):
+    for name, curve in zip(
+        AXES_OF_KIND["joints"] if kind == "joints" else ("speed", "angular speed"), curves, strict=True
+    ):
         if name in named:
             np.testing.assert_allclose(np.interp(t, *named[name].get_data()), curve, atol=1e-9)
     assert len(named) == len(lines) == (3 if kind == "joints" else len(labels))
@@ -539,25 +545,25 @@ def test_the_picture_shows_speed_over_time(kind: str, labels: list[str]) -> None
     ("plane", "holonomic", {"time_step": 0.0}, "time_step is 0.0"),
     ("turning", "holonomic", {}, "max_angular_velocity is missing; the robot turns"),
     ("turning", "holonomic", {"max_angular_velocity": 1.0}, "max_angular_acceleration is missing"),
-    ("turning", "holonomic", {**ROTATION, "max_lateral_acceleration": 1.0}, "max_lateral_acceleration is 1.0"),
+    ("turning", "holonomic", {**ROTATION_LIMITS, "max_lateral_acceleration": 1.0}, "max_lateral_acceleration is 1.0"),
     ("turning", "dubins", {"max_velocity": (1.0, 2.0)}, "max_velocity differs by axis; a car turns"),
     ("turning", "dubins", {"max_lateral_acceleration": -1.0}, "max_lateral_acceleration is -1.0"),
     ("joints", "holonomic", {"max_angular_velocity": 1.0}, "max_angular_velocity is 1.0"),
 )
-def test_trajectories_refuse(kind: str, drive: str, options: dict[str, Any], expected: str) -> None:
+def test_trajectories_reject_invalid_arguments(kind: str, drive: str, options: dict[str, Any], expected: str) -> None:
     rows = draw_waypoints(kind, np.random.default_rng(0), 3)
     plan = plan_along(kind, rows, drive, 0.4 if drive == "dubins" else None)
     with pytest.raises(InputError, match=expected):
-        plan.trajectory(**(LIMITS | options))
+        plan.trajectory(**(TRANSLATION_LIMITS | options))
 
 
-def test_trajectories_refuse_messages_of_the_other_kind_and_plans_without_a_path() -> None:
-    plane = plan_along("plane", [(0, 0), (1, 1)]).trajectory(**LIMITS)
+def test_messages_of_the_other_kind_and_plans_without_a_path_are_refused() -> None:
+    plane = plan_along("plane", [(0, 0), (1, 1)]).trajectory(**TRANSLATION_LIMITS)
     with pytest.raises(InputError, match=r"trajectory moves x, y; .*use to_path\(\)"):
         plane.to_joint_trajectory()
     with pytest.raises(InputError, match=r"trajectory moves the joints .*use to_joint_trajectory\(\)"):
-        plan_along("joints", [(0, 0, 0), (1, 1, 1)]).trajectory(**LIMITS).to_path()
+        plan_along("joints", [(0, 0, 0), (1, 1, 1)]).trajectory(**TRANSLATION_LIMITS).to_path()
     with pytest.raises(InputError, match="t is nan"):
         plane.sample(math.nan)
     with pytest.raises(InputError, match=r"plan has no path: .*a trajectory follows a path"):
-        replace(template(), solved=False).trajectory(**LIMITS)
+        replace(template(), solved=False).trajectory(**TRANSLATION_LIMITS)

@@ -15,9 +15,9 @@ import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
-from tests.handmade import MAP_KINDS, components, configurations, make_map, random_states
+from tests.handmade import MAP_KINDS, components, configurations, fill_boxes, make_map, random_states
 from tests.maps import proven_paths
-from tests.planning import SPACES, check_failed, halves, options_for, room
+from tests.planning import SPACES, check_failed, halves, options_for, room, three_rooms
 from tests.strategies import seeds
 
 SPACES_WITH_DRIVES = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
@@ -57,13 +57,10 @@ def test_a_named_planner_is_not_replaced_and_the_hint_names_grid(offices: CSpace
 
 
 def test_grid_search_takes_over_on_a_tiled_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    occupied = np.zeros((40, 16), dtype=bool)
-    occupied[[12, 26]] = True
-    occupied[12, 2:6] = occupied[26, 9:13] = False
     monkeypatch.setattr(planners.passages, "MAX_ITERATIONS_BEFORE_GRID", 1)
     for tile in (100, 20):
         store = tmp_path / f"{tile}.zarr"
-        tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.04), store=store, tile=tile)
+        tiled = build(three_rooms(2), Robot.disc(0.04), store=store, tile=tile)
         plan = planners.plan(tiled, (0.35, 0.35), (3.6, 0.35), seed=0)
         assert plan.solved and plan.certified
 
@@ -91,8 +88,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
 def test_the_hint_fits_the_map_and_the_planner(tmp_path: Path) -> None:
     space, start, goal = halves("plane", MIXED)
     assert planners.plan(space, start, goal, planner="Grid").hint.startswith("planner='RRTConnect' with exact=True")
-    walls = np.zeros((60, 40), dtype=bool)
-    walls[30:32] = True  # a path leads around the map
+    walls = fill_boxes((60, 40), np.s_[30:32])  # a path leads around the map
     options = {"store": tmp_path / "m", "tile": 15, "outside": "free"}
     tiled = build(Workspace.from_array(walls, 0.1), Robot.disc(0.2), **options)
     plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])

@@ -101,7 +101,7 @@ def test_the_raster_of_a_robot_equals_the_outer_cells_around_each_offset(shape):
     reach = int(np.ceil(max(np.abs(shape.outer.bounds).max() / spacing, 1))) + 2
     outer, _ = shape.cells(Grid((-reach * spacing,) * shape.dim, spacing, (2 * reach,) * shape.dim))
     robot, _ = shape.rasters(spacing)
-    # An offset m is in the raster if one of the 2^d cells around h m meets the shape.
+    # An offset m is in the raster if any of the 2^d cells around h m meets the shape.
     expected = np.zeros((2 * reach + 1,) * shape.dim, dtype=bool)
     for corner in np.ndindex((2,) * shape.dim):
         expected[tuple(slice(c, c + 2 * reach) for c in corner)] |= outer

@@ -150,8 +150,7 @@ def test_methods_of_maps_in_memory_are_refused_and_documented(tmp_path):
 
 
 def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
-    walls = np.zeros((60, 40), dtype=bool)
-    walls[30:32, 7:] = True
+    walls = fill_boxes((60, 40), np.s_[30:32, 7:])
     workspace = cspace.Workspace.from_array(walls, 0.1)
     space = cspace.build(workspace, cspace.Robot.disc(0.15))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "m", tile=15)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace.errors import InputError
 from tests.laws.any_map import CAR
+from tests.refusals import refusals
 from tests.tiles.test_build import check_states, random_workspace
 
 
@@ -104,12 +105,18 @@ def test_killed_update_leaves_the_old_or_the_new_map(tmp_path):
     check_states(tmp_path / "m", after)
 
 
-def test_update_rejects_invalid_arguments(tmp_path):
+CELLS_2X2 = np.ones((2, 2), bool)
+
+
+@refusals(
+    "cells, lower, inner, message",
+    (CELLS_2X2, (19, 19), None, "must lie in the grid"),
+    (np.full((2, 2), 3), (0, 0), None, "must be 0 or 1"),
+    (CELLS_2X2, (0,), None, "must be 2 integers"),
+    (CELLS_2X2, (0, 0), ~CELLS_2X2, "inner"),
+)
+def test_update_rejects_invalid_arguments(tmp_path, cells, lower, inner, message):
     tiled = cspace.build(random_workspace((20, 20)), CAR, store=tmp_path / "m", tile=8)
-    cells = np.ones((2, 2), bool)
-    for arguments in ((cells, (19, 19)), (np.full((2, 2), 3), (0, 0)), (cells, (0,))):
-        with pytest.raises(InputError):
-            tiled.update(*arguments)
-    with pytest.raises(InputError, match="inner"):
-        tiled.update(cells, (0, 0), inner=~cells)
+    with pytest.raises(InputError, match=message):
+        tiled.update(cells, lower, inner=inner)
     assert tiled.version == 0

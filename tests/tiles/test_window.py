@@ -81,11 +81,15 @@ def test_saved_window_keeps_its_unknown_exterior(tmp_path):
         cspace.build(window.workspace, CAR, outside="unknown")
 
 
-def test_window_rejects_invalid_boxes(tmp_path):
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [((1, 1), (0, 0)), ((90, 90), (99, 99)), ((0,), (1,)), ((0, np.nan), (1, 1))],
+    ids=["reversed", "outside", "short", "nan"],
+)
+def test_window_rejects_invalid_boxes(tmp_path, lower, upper):
     _, tiled = build_both("plane", tmp_path, tile=9, seed=3)
-    for lower, upper in (((1, 1), (0, 0)), ((90, 90), (99, 99)), ((0,), (1,)), ((0, np.nan), (1, 1))):
-        with pytest.raises(InputError):
-            tiled.window(lower, upper)
+    with pytest.raises(InputError):
+        tiled.window(lower, upper)
 
 
 @pytest.mark.parametrize("name", ["plane", "yaw in space"])
