@@ -202,9 +202,9 @@ def rotation_neighbors(turns, kind):
 def side_neighbors(cell, shape, kind=""):
     """Yield the cells that share a side with a cell."""
     yield from ((turn, *cell[1:]) for turn in rotation_neighbors(shape[0], kind)[cell[0]])
-    for axis, way in itertools.product(range(1, len(shape)), (-1, 1)):
+    for axis, direction in itertools.product(range(1, len(shape)), (-1, 1)):
         near = list(cell)
-        near[axis] += way
+        near[axis] += direction
         if 0 <= near[axis] < shape[axis]:
             yield tuple(near)
 

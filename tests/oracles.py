@@ -231,7 +231,7 @@ def to_graph(links, size):
 def turns_between(yaw0, yaw1, turn, slack=0):
     """Return the shorter signed angles between yaws; two angles if equal within ``slack``."""
     ahead = (yaw1 - yaw0) % turn
-    return [way for way in (ahead, ahead - turn) if 2 * abs(way) <= turn + 2 * slack]
+    return [direction for direction in (ahead, ahead - turn) if 2 * abs(direction) <= turn + 2 * slack]
 
 
 def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):

@@ -150,16 +150,18 @@ def along_edges(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
     dim = space.grid.dim
-    places = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
+    positions = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
     if "qw" in space.axes:
         one, other = (Rotation.from_quat(np.array(rows[:, dim:])) for rows in (firsts, lasts))
         turns = one.inv() * other
         parts = Rotation.from_rotvec((shares[:, None] * turns.as_rotvec()[:, None]).reshape(-1, 3))
         turned = Rotation.from_quat(np.repeat(firsts[:, dim:], len(shares), axis=0)) * parts
-        return np.concatenate([places, turned.as_quat().reshape(*places.shape[:2], 4)], axis=-1), turns.magnitude()
+        return np.concatenate(
+            [positions, turned.as_quat().reshape(*positions.shape[:2], 4)], axis=-1
+        ), turns.magnitude()
     turn = turn_between(firsts[:, dim:], lasts[:, dim:])
     turned = firsts[:, None, dim:] + shares[:, None] * turn[:, None]
-    return np.concatenate([places, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
+    return np.concatenate([positions, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
 
 
 def turn_between(first: Any, second: Any) -> Any:
@@ -171,8 +173,8 @@ def turn_between(first: Any, second: Any) -> Any:
 def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
     """Return lower corners and a tree of centers of boundary cells that are not FREE."""
     shut = space.cell_states != FREE
-    border = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
-    corners = np.array(space.grid.lower) + space.grid.spacing * border
+    boundary = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
+    corners = np.array(space.grid.lower) + space.grid.spacing * boundary
     return corners, cKDTree(corners + space.grid.spacing / 2.0)
 
 

@@ -88,8 +88,8 @@ class ArmOracle:
         for link, origin, solid in self._parts:
             pose = poses[link] @ origin
             solid.setTransform(fcl.Transform(pose[:3, :3], pose[:3, 3]))
-        middles = np.array([solid.getTranslation() for solid in self._solids])[self._pairs]
-        gaps = np.linalg.norm(middles[:, 0] - middles[:, 1], axis=1) - self._reach
+        centers = np.array([solid.getTranslation() for solid in self._solids])[self._pairs]
+        gaps = np.linalg.norm(centers[:, 0] - centers[:, 1], axis=1) - self._reach
         least = np.inf
         for k in np.argsort(gaps):
             if gaps[k] >= least or least == 0.0:  # all other pairs are farther apart

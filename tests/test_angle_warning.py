@@ -55,11 +55,11 @@ def catch_warnings(call: Callable[[], object]) -> list[warnings.WarningMessage]:
 
 @pytest.mark.parametrize("call", ANGLE_CALLS)
 def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
-    name, ask = ANGLE_CALLS[call]
+    name, query = ANGLE_CALLS[call]
 
     def repeat() -> None:
         for yaw in (90.0, -180.0, 7.0):
-            ask(turning(), (1.0, 1.0, yaw))
+            query(turning(), (1.0, 1.0, yaw))
 
     catch_warnings(repeat)  # compiling at the first call resets Python's registry of warnings
     (warning,) = catch_warnings(repeat)
@@ -81,21 +81,21 @@ def test_batches_and_callbacks_do_not_warn() -> None:
     si = planners.simple_setup(space).getSpaceInformation()
     state = si.allocState()
     kind_of(space).write(state, *q)
-    for ask in (
+    for query in (
         lambda: space.is_free([q, q]),
         lambda: space.certify_path([q, q]),
         lambda: space.point_checker()(*q),
         lambda: space.edge_checker()(*q, *q),
         lambda: planners.StateValidityChecker(si, space).isValid(state),
     ):
-        assert not catch_warnings(ask)
+        assert not catch_warnings(query)
 
 
 def test_a_tiled_map_warns(tmp_path: Path) -> None:
     workspace = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
     tiled = cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12, store=tmp_path / "m", tile=16)
-    for ask in (lambda: tiled.is_free((1.0, 1.0, 90.0)), lambda: planners.plan(tiled, (1.0, 1.0, 90.0), FREE_Q)):
-        (warning,) = catch_warnings(ask)
+    for query in (lambda: tiled.is_free((1.0, 1.0, 90.0)), lambda: planners.plan(tiled, (1.0, 1.0, 90.0), FREE_Q)):
+        (warning,) = catch_warnings(query)
         assert warning.category is AngleWarning and warning.filename == __file__
 
 

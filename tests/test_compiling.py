@@ -248,12 +248,12 @@ def test_cache_folders_that_others_may_write_are_not_read(
     (folder,) = cache.iterdir()
     for index in cache.rglob("*.nbi"):
         index.write_bytes(pickle.dumps(Harm(harm)))
-    for place, mode in ((folder, 0o1757), (cache, 0o777)):
-        before = place.stat().st_mode
-        place.chmod(mode)
+    for path, mode in ((folder, 0o1757), (cache, 0o777)):
+        before = path.stat().st_mode
+        path.chmod(mode)
         assert run(**environment) == (3.0, 0)
         assert not harm.exists()
-        place.chmod(before)
+        path.chmod(before)
     assert run(**environment) == (3.0, 0)
     assert harm.exists()  # private files are read, and unusable files compiled again
     assert run(**environment) == (3.0, 1)

@@ -23,7 +23,7 @@ from tests.maps import proven_paths
 from tests.refusals import refusals
 from tests.soak.plane import place_polygon
 from tests.updates import OBSTACLE, SPACING, World, agree, check, checkers, room, worlds
-from tests.waiting import while_two_ask
+from tests.waiting import write_while_querying
 
 CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
 
@@ -38,18 +38,18 @@ class Stage:
     def obstacle(self) -> tuple[Any, Any]:
         """Draw a shape, and the radius of its points."""
         rng, dim = self.world.rng, len(self.size)
-        middle = self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
+        center = self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
         sides = rng.uniform(0.1, 0.2 + 0.5 * self.size.max(), dim)
         kind = int(rng.integers(3))
         if kind == 0:  # also on cell boundaries
-            points = np.round((middle + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))) / SPACING) * SPACING
+            points = np.round((center + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))) / SPACING) * SPACING
             return points, rng.choice([0.0, 0.4])
         turn = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix() if kind == 1 else np.eye(3)
         if dim == 2:
-            corners = (np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides / 2) @ turn[:2, :2] + middle
+            corners = (np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides / 2) @ turn[:2, :2] + center
             return (shapely.MultiPoint(corners).convex_hull if kind == 1 else corners), None
         box = trimesh.creation.box(sides)
-        return (box.vertices @ turn + middle, box.faces), None
+        return (box.vertices @ turn + center, box.faces), None
 
     def step(self, space: cspace.CSpace) -> cspace.CSpace:
         """Change an obstacle or cells; return a new build."""
@@ -83,9 +83,9 @@ class Stage:
 
 @settings(max_examples=30)
 @given(worlds(), st.booleans())
-def test_added_moved_and_removed_obstacles_equal_a_rebuild(world: World, asked: bool) -> None:
+def test_added_moved_and_removed_obstacles_equal_a_rebuild(world: World, queried: bool) -> None:
     stage, space = Stage(world), world.build()
-    if asked:
+    if queried:
         check(space, stage.build(), world)
     for _ in range(4):
         check(space, stage.step(space), world)
@@ -209,11 +209,11 @@ def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
         Workspace.from_array(np.zeros((16, 16, 16), dtype=bool), 0.15), Robot.box(size), rotations=rotations
     )
     for _ in range(3):
-        turn, middle, spots = Rotation.random(random_state=rng), rng.uniform(0.6, 1.8, 3), rng.uniform(0.4, 2.0, (5, 3))
+        turn, center, spots = Rotation.random(random_state=rng), rng.uniform(0.6, 1.8, 3), rng.uniform(0.4, 2.0, (5, 3))
         box = trimesh.creation.box(sides)
-        space.add_obstacle("box", (box.vertices @ turn.as_matrix().T + middle, box.faces))
+        space.add_obstacle("box", (box.vertices @ turn.as_matrix().T + center, box.faces))
         space.add_obstacle("balls", spots, radius=0.1)
-        there = [solids.box(sides, middle, turn.as_matrix()), *(solids.ball(0.1, spot) for spot in spots)]
+        there = [solids.box(sides, center, turn.as_matrix()), *(solids.ball(0.1, spot) for spot in spots)]
         turns = (
             Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (300, 1)) * (0, 0, 1))
             if space.size == 4
@@ -370,7 +370,7 @@ def test_files_keep_obstacles_but_no_names(tmp_path: Path) -> None:
 def test_obstacles_from_threads_wait_for_each_other() -> None:
     space = room("free")
 
-    def ask() -> None:
+    def query_map() -> None:
         q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
         space.clearance(q)
         space.is_connected(q[:25], q[25:])
@@ -384,7 +384,7 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
             space.add_obstacle(name, [rng.uniform(0.0, 4.0, 2)], radius=0.2)
         space.remove_obstacle(name) if name == "a" else None
 
-    while_two_ask(ask, [partial(move, name) for name in "abc"])
+    write_while_querying(query_map, [partial(move, name) for name in "abc"])
     assert set(space.obstacles) == {"b", "c"}
     fresh = cspace.build(space.workspace, space.robot, outside="free")
     again = room("free")

@@ -50,14 +50,14 @@ def draw_configurations(space: cspace.CSpace, rng: np.random.Generator, n: int) 
 
 def cell_of(space: cspace.CSpace, q: Any) -> tuple[int, ...]:
     """Return the cell of a configuration, wrapped along periodic axes."""
-    place = np.floor((q - np.asarray(space.grid.lower)) / space.grid.spacing).astype(int)
-    return tuple(np.where(space.periodic_axes, place % space.grid.shape, place).tolist())
+    cell = np.floor((q - np.asarray(space.grid.lower)) / space.grid.spacing).astype(int)
+    return tuple(np.where(space.periodic_axes, cell % space.grid.shape, cell).tolist())
 
 
 @pytest.mark.parametrize("periodic_axes", PERIODIC_AXES)
 @settings(max_examples=6)
 @given(data=st.data())
-def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
+def test_paths_cross_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
     space, states, rng = data.draw(joint_maps(periodic_axes))
     q = draw_configurations(space, rng, 40)
     at = [cell_of(space, each) for each in q]
@@ -166,16 +166,16 @@ def test_distances_cross_the_seam(data: st.DataObject, periodic_axes: tuple[bool
     space, states, rng = data.draw(joint_maps(periodic_axes))
     grid, q = space.grid, draw_configurations(space, rng, 15)
     turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in periodic_axes))))
-    place = (np.array(space.rotations._make_canonical(q)) - grid.lower) / grid.spacing
+    position = (np.array(space.rotations._make_canonical(q)) - grid.lower) / grid.spacing
 
     def nearest(cells: Any, half: float) -> Any:
         """Return the distance from each configuration to the nearest of some cells."""
         copies = (cells[:, np.newaxis] + turns * grid.shape).reshape(-1, grid.dim)
-        gaps = np.maximum(np.abs(place[:, np.newaxis] - copies - 0.5) - half, 0.0)
+        gaps = np.maximum(np.abs(position[:, np.newaxis] - copies - 0.5) - half, 0.0)
         return np.linalg.norm(gaps, axis=2).min(axis=1, initial=math.inf)
 
-    border = np.where(periodic_axes, math.inf, np.minimum(place, np.array(grid.shape) - place)).min(axis=1)
-    expected = grid.spacing * np.minimum(nearest(np.argwhere(states != FREE), 0.5), border)
+    boundary = np.where(periodic_axes, math.inf, np.minimum(position, np.array(grid.shape) - position)).min(axis=1)
+    expected = grid.spacing * np.minimum(nearest(np.argwhere(states != FREE), 0.5), boundary)
     clearance = space.clearance(q)
     assert (clearance <= expected + 1e-9).all()
     assert (clearance >= np.minimum(expected, 0.5 * math.tau) - 1e-6).all()
@@ -189,7 +189,10 @@ def test_distances_cross_the_seam(data: st.DataObject, periodic_axes: tuple[bool
             assert space.is_free(center)
             assert np.linalg.norm(step - math.tau * np.round(step / math.tau) * periodic_axes) <= distance + 1e-9
     for distance in (0.3 * grid.spacing, 1.2 * grid.spacing):
-        low, high = np.floor(place - distance / grid.spacing).astype(int), np.floor(place + distance / grid.spacing)
+        low, high = (
+            np.floor(position - distance / grid.spacing).astype(int),
+            np.floor(position + distance / grid.spacing),
+        )
         for k in range(len(q)):
             box = itertools.product(*(range(a, int(b) + 1) for a, b in zip(low[k], high[k], strict=True)))
             cells = [np.where(periodic_axes, np.array(each) % grid.shape, each) for each in box]
@@ -206,8 +209,10 @@ def clearance_levels(states: Any, periodic_axes: tuple[bool, ...]) -> Any:
     cells = np.moveaxis(np.indices(states.shape), 0, -1)
     gaps = np.maximum(np.abs(cells.reshape(-1, states.ndim) - shut) - 0.5, 0.0)
     least = np.linalg.norm(gaps, axis=2).min(axis=0, initial=1024.0).reshape(states.shape)
-    border = np.where(periodic_axes, math.inf, np.minimum(cells, np.array(states.shape) - 1 - cells) + 0.5).min(axis=-1)
-    return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, border), 1023.99) + 1e-4), 0.0)
+    boundary = np.where(periodic_axes, math.inf, np.minimum(cells, np.array(states.shape) - 1 - cells) + 0.5).min(
+        axis=-1
+    )
+    return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, boundary), 1023.99) + 1e-4), 0.0)
 
 
 def widest_chain(levels: Any, periodic_axes: tuple[bool, ...], start: int, goal: int) -> tuple[float, float]:

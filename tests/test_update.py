@@ -18,21 +18,20 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace, update
 from cspace.engines.slices import Correlation
 from cspace.export import images
 from cspace.map.components import Components
-from tests import handmade
-from tests.handmade import fill_boxes
+from tests.handmade import fill_boxes, map_in
 from tests.maps import proven_paths
 from tests.refusals import refusals
 from tests.updates import OBSTACLE, World, agree, check, checkers, room, worlds
-from tests.waiting import while_two_ask
+from tests.waiting import write_while_querying
 
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=35)
 @given(worlds(), st.booleans())
-def test_a_stream_of_updates_equals_a_rebuild(world: World, asked: bool) -> None:
+def test_a_stream_of_updates_equals_a_rebuild(world: World, queried: bool) -> None:
     space = world.build()
-    if asked:  # queries fill all caches, which updates must refresh
+    if queried:  # queries fill all caches, which updates must refresh
         check(space, world.build(), world)
     for fresh in world.stream(space, 4):
         check(space, fresh, world)
@@ -95,7 +94,7 @@ def test_update_copies_read_only_states() -> None:
     made = room()
     given_state = made.cell_states
     assert not given_state.flags.writeable
-    space = handmade.map_in(made.workspace, made.robot, given_state)
+    space = map_in(made.workspace, made.robot, given_state)
     space.update(OBSTACLE, (18, 13))
     assert not np.array_equal(space.cell_states, given_state)  # the array belongs to the other map
 
@@ -353,7 +352,7 @@ def test_updates_from_threads_wait_for_each_other() -> None:
     space.is_connected((1.0, 1.0), (2.0, 2.0))
     places = [(int(x), int(y)) for x, y in rng.integers(0, (36, 26), (40, 2))]
 
-    def ask() -> None:
+    def query_map() -> None:
         q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
         space.clearance(q)
         space.is_connected(q[:25], q[25:])
@@ -361,10 +360,10 @@ def test_updates_from_threads_wait_for_each_other() -> None:
         space.sample_free(3, np.random.default_rng(2))
 
     def put(positions: list[tuple[int, int]]) -> None:
-        for place in positions:
-            space.update(OBSTACLE, place)
+        for position in positions:
+            space.update(OBSTACLE, position)
 
-    while_two_ask(ask, [partial(put, places[::2]), partial(put, places[1::2])])
+    write_while_querying(query_map, [partial(put, places[::2]), partial(put, places[1::2])])
     occupied = fill_boxes((40, 30), *(np.s_[x : x + 4, y : y + 4] for x, y in places))
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), outside="free")
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)

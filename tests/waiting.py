@@ -16,13 +16,13 @@ def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
     return value
 
 
-def while_two_ask(ask: Callable[[], object], writers: Sequence[Callable[[], object]]) -> None:
-    """Run writers in threads while two threads call ``ask``; raise any error."""
+def write_while_querying(query: Callable[[], object], writers: Sequence[Callable[[], object]]) -> None:
+    """Run writers in threads while two threads call ``query``; raise any error."""
     done = threading.Event()
 
     def go_on() -> None:
         while not done.is_set():
-            ask()
+            query()
 
     with ThreadPoolExecutor(len(writers) + 2) as threads:
         readers = [threads.submit(go_on) for _ in range(2)]

@@ -603,13 +603,13 @@ def test_commands_keep_and_use_an_overlap_field(tmp_path: Path, turning: bool) -
     document("export", tmp_path / "map.zarr", tmp_path / "copy.zarr")
     same(carried, cspace.open(tmp_path / "copy.zarr"))
     endpoints = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
-    asked = ["--start", endpoints[0], "--goal", endpoints[1], "--planner", "RRTstar", "--objective", "overlap"]
+    options = ["--start", endpoints[0], "--goal", endpoints[1], "--planner", "RRTstar", "--objective", "overlap"]
     for limit in (0.1, 0.5, 2, 10):  # a busy machine needs the longer limits
-        result = run("plan", tmp_path / "map.zarr", *asked, "--seed", 1, "--time-limit", limit, "--json")
+        result = run("plan", tmp_path / "map.zarr", *options, "--seed", 1, "--time-limit", limit, "--json")
         if result.exit_code == 0:
             break
     assert json.loads(result.stdout)["certified"]
-    result = run("plan", tmp_path / "plain.zarr", *asked)
+    result = run("plan", tmp_path / "plain.zarr", *options)
     assert result.exit_code == 2 and "the map carries none" in result.stderr
 
 

@@ -9,6 +9,7 @@ import zarr
 import cspace
 import cspace.builder
 from cspace.plot import save_plot
+from tests.commands import run
 from tests.handmade import fill_boxes
 
 

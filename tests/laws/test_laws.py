@@ -295,10 +295,10 @@ def test_tile_subproblems_are_connected_within_their_tiles(name: str, tmp_path: 
     joined = [pair for pair in itertools.pairwise(q) if space.is_connected(*pair)][:4]
     assert joined
     for q0, q1 in joined:
-        legs = space._tile_subproblems(q0, q1)
-        np.testing.assert_allclose(legs[0][1][: space.grid.dim], q0[: space.grid.dim])
-        np.testing.assert_allclose(legs[-1][2][: space.grid.dim], q1[: space.grid.dim])
-        for open_tile, start, goal in legs:
+        subproblems = space._tile_subproblems(q0, q1)
+        np.testing.assert_allclose(subproblems[0][1][: space.grid.dim], q0[: space.grid.dim])
+        np.testing.assert_allclose(subproblems[-1][2][: space.grid.dim], q1[: space.grid.dim])
+        for open_tile, start, goal in subproblems:
             assert open_tile().is_connected(start, goal)
-        for before, after in itertools.pairwise(legs):
+        for before, after in itertools.pairwise(subproblems):
             np.testing.assert_array_equal(before[2], after[1])

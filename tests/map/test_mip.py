@@ -11,7 +11,7 @@ from cspace.map.derived import Lock
 from cspace.map.mip import BLOCK_SIDE, MAX_DIRTY_BOXES, ROWS_PER_BLOCK_ROW, OccupancyPyramid
 from cspace.map.storage import PackedStates
 from tests.strategies import seeds
-from tests.waiting import while_two_ask
+from tests.waiting import write_while_querying
 
 
 def unpack(words):
@@ -111,7 +111,7 @@ def test_clearance_during_updates_is_that_of_some_state(dim):
     assert (near < far).any()
     wrong, check = [], space.clearance_checker()
 
-    def ask():
+    def query_map():
         answers = np.array([space.clearance(q), [check(*one) for one in q.tolist()]])
         wrong.append(((answers < near) | (answers > far)).sum())
 
@@ -120,7 +120,7 @@ def test_clearance_during_updates_is_that_of_some_state(dim):
             space.update(off, position)
             space.update(on, position)
 
-    while_two_ask(ask, [change])
+    write_while_querying(query_map, [change])
     assert wrong and not any(wrong)
     assert (space.clearance(q) == near).all()
     space.update(off, position)

@@ -53,8 +53,8 @@ def test_obstacle_distance_is_within_10_percent_of_the_minimum(tmp_path: Path) -
     space = space_of(tmp_path)
     plan = planners.plan(space, (-0.5, 0.0), (-1.5, 0.5))
     between = np.linspace(plan.path[0], plan.path[-1], 400)
-    least = np.asarray(space.obstacle_distance(between)).min()
-    assert len(plan.path) == 2 and 0.9 * least < plan.obstacle_distance <= least
+    minimum = np.asarray(space.obstacle_distance(between)).min()
+    assert len(plan.path) == 2 and 0.9 * minimum < plan.obstacle_distance <= minimum
     assert pickle.loads(pickle.dumps(plan)).obstacle_distance == plan.obstacle_distance
 
 

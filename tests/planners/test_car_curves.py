@@ -54,9 +54,9 @@ def drive(first: Any, word: Any, radius: float, steps: int = 4000) -> np.ndarray
     x, y, yaw = first
     for turn, length in zip(turns, lengths, strict=True):
         step = length / steps
-        middles = yaw + turn * step * (np.arange(steps) + 0.5)
-        x += radius * step * np.cos(middles).sum()
-        y += radius * step * np.sin(middles).sum()
+        centers = yaw + turn * step * (np.arange(steps) + 0.5)
+        x += radius * step * np.cos(centers).sum()
+        y += radius * step * np.sin(centers).sum()
         yaw += turn * length
     return np.array([x, y, yaw])
 
@@ -279,11 +279,11 @@ def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(space: CSpace
     path, direction = curves.resample(waypoints)
     assert direction is not None and len(direction) == len(path)
     rows = [tuple(row) for row in path.tolist()]
-    places = [rows.index(tuple(q)) for q in waypoints.tolist()]
-    assert places == sorted(places) and places[0] == 0 and places[-1] == len(path) - 1
+    indices = [rows.index(tuple(q)) for q in waypoints.tolist()]
+    assert indices == sorted(indices) and indices[0] == 0 and indices[-1] == len(path) - 1
     steps, turns = np.hypot(*np.diff(path[:, :2], axis=0).T), turn_between(path[:-1, 2], path[1:, 2])
     assert steps.max() <= space.grid.spacing + 1e-9 and np.abs(turns).max() <= math.radians(5) + 1e-9
-    for (a, b), (i, j) in zip(itertools.pairwise(waypoints), itertools.pairwise(places), strict=True):
+    for (a, b), (i, j) in zip(itertools.pairwise(waypoints), itertools.pairwise(indices), strict=True):
         length = curves.metres(a, b)
         fine = curves.points(a, b, np.linspace(0.0, length, 5000))
         assert cKDTree(fine[:, :2]).query(path[i : j + 1, :2])[0].max() < length / 5000 + 1e-6

@@ -35,9 +35,9 @@ def test_motion_checks_equal_map_queries(space: CSpace) -> None:
     si = planners.simple_setup(space).getSpaceInformation()
     starts, ends = edges_from(space, 800, 1)
     pairs = zip(starts, ends, strict=True)
-    asked = [si.checkMotion(state_at(space, si, a), state_at(space, si, b)) for a, b in pairs]
-    assert asked == space.motion_is_free(starts, ends).tolist()
-    assert any(asked) and not all(asked)
+    queried = [si.checkMotion(state_at(space, si, a), state_at(space, si, b)) for a, b in pairs]
+    assert queried == space.motion_is_free(starts, ends).tolist()
+    assert any(queried) and not all(queried)
 
 
 def test_a_valid_motion_is_free_along_its_length(space: CSpace) -> None:
@@ -56,11 +56,11 @@ def test_a_valid_motion_is_free_along_its_length(space: CSpace) -> None:
 
 
 def test_checkers_can_be_subclassed(space: CSpace) -> None:
-    asked = []
+    queried = []
 
     class Mine(planners.StateValidityChecker):
         def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
-            asked.append(state)
+            queried.append(state)
             return super().isValid(state)
 
     setup = planners.simple_setup(space)
@@ -68,7 +68,7 @@ def test_checkers_can_be_subclassed(space: CSpace) -> None:
     setup.setStateValidityChecker(Mine(si, space))
     q = draw_around(space, 100, 2)
     assert [si.isValid(state_at(space, si, each)) for each in q] == space.is_free(q).tolist()
-    assert len(asked) == len(q)
+    assert len(queried) == len(q)
 
 
 def test_a_thin_wall_is_not_stepped_over_as_by_ompl_alone() -> None:
@@ -91,12 +91,12 @@ def test_answers_can_be_overridden_and_restored(space: CSpace) -> None:
     si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
     validator = si.getMotionValidator()
     free = state_at(space, si, space.sample_free(rng=np.random.default_rng(0)))
-    for asked, answerer in ((lambda: si.isValid(free), checker), (lambda: si.checkMotion(free, free), validator)):
-        before = asked()
+    for queried, answerer in ((lambda: si.isValid(free), checker), (lambda: si.checkMotion(free, free), validator)):
+        before = queried()
         answerer._override(lambda *_: False)
-        assert asked() is False
+        assert queried() is False
         answerer._override(None)
-        assert asked() == before is True
+        assert queried() == before is True
 
 
 def test_curves_require_a_robot_that_rotates_in_the_plane() -> None:

@@ -100,35 +100,35 @@ def test_a_planner_step_that_takes_too_long_is_cut_off() -> None:
 
 
 def test_a_simplification_that_takes_too_long_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
+    calls: list[int] = []
 
     class Slow(planners.MotionValidator):
         def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
-            asked.append(1)
+            calls.append(1)
             time.sleep(0.003)
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Slow)
     plan = in_time(room("space"), ENDPOINTS["space"], seed=1)
-    assert asked and (plan.certified or not plan.solved)
+    assert calls and (plan.certified or not plan.solved)
 
 
 @pytest.mark.parametrize(
     "options", [{}, {"planner": "RRTstar"}, {"planner": "RRTstar", "objective": "clearance"}], ids=str
 )
 def test_compiling_takes_no_time_from_the_search(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
+    calls: list[int] = []
 
     class Compiled(planners.MotionValidator):
         def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
-            if not asked:
+            if not calls:
                 compile_for(0.4)
-            asked.append(1)
+            calls.append(1)
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Compiled)
     plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=0.2, seed=1, **options)
-    assert plan.solved and len(asked) > 1
+    assert plan.solved and len(calls) > 1
     assert plan.times.setup >= 0.4 and plan.times.planning + plan.times.simplification < 0.45
 
 
@@ -136,25 +136,25 @@ def test_compiling_takes_no_time_from_the_search(options: dict[str, Any], monkey
 def test_a_seed_gives_the_same_plan_whether_it_compiles_or_not(
     iterations: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[int] = []
+    calls: list[int] = []
     seconds = [0.3, 0.0]
 
     class Compiled(planners.MotionValidator):
         def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
-            if not asked[-1]:
-                compile_for(seconds[len(asked) - 1])
-            asked[-1] += 1
+            if not calls[-1]:
+                compile_for(seconds[len(calls) - 1])
+            calls[-1] += 1
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Compiled)
     paths = []
     for _ in seconds:
-        asked.append(0)
+        calls.append(0)
         options = {"planner": "RRTConnect", "time_limit": 0.2, "seed": 1, "iterations": iterations}
         plan = planners.plan(room("plane"), *ENDPOINTS["plane"], **options)
         assert plan.solved == (iterations is None)
         paths.append(plan.path.tolist())
-    assert paths[0] == paths[1] and asked[0] == asked[1] > 0
+    assert paths[0] == paths[1] and calls[0] == calls[1] > 0
 
 
 def test_a_deadline_makes_callbacks_refuse_then_raise_and_restores_them() -> None:

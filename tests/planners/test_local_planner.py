@@ -126,8 +126,8 @@ def test_ompls_interpolation_lies_on_the_edge(drive: str) -> None:
         heading = driven(first, last, drive)[90, 2]
         for share in (0.01, 0.3, 0.99):
             states.interpolate(a, b, share, out)
-            place = first[:2] + share * (last - first)[:2]
-            assert (out.getX(), out.getY()) == pytest.approx(place, abs=1e-6)
+            position = first[:2] + share * (last - first)[:2]
+            assert (out.getX(), out.getY()) == pytest.approx(position, abs=1e-6)
             assert abs(turn_between(out.getYaw(), heading)) < 1e-6
 
 

@@ -83,10 +83,10 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
     edges = local_planner(space, drive=drive)
     for a, b in zip(*edges_from(space, 25, 5, 1.0), strict=True):
         first, second = state_at(space, si, a), state_at(space, si, b)
-        way = complex(*(b - a)[:2])
-        headings = [way, -way] if drive == "differential-reverse" else [way]
+        step = complex(*(b - a)[:2])
+        headings = [step, -step] if drive == "differential-reverse" else [step]
         turns = [abs(np.angle(h / np.exp(1j * a[2]))) + abs(np.angle(np.exp(1j * b[2]) / h)) for h in headings]
-        assert length.motionCost(first, second).value() == pytest.approx(abs(way) + 0.5 * min(turns))
+        assert length.motionCost(first, second).value() == pytest.approx(abs(step) + 0.5 * min(turns))
         rows = [state_at(space, si, q) for q in edges.breakpoints(np.array([a, b]))]
         total = sum(parts.motionCost(p, q).value() for p, q in itertools.pairwise(rows))
-        assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(way)
+        assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(step)

@@ -12,6 +12,8 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.search import open_chain
 from planners.local_planner import EdgesOnMap
+from tests.maps import proven_paths
+from tests.placements import collides
 from tests.planning import along_edge, compile_for, three_rooms
 
 WIDTH = 0.5
@@ -54,11 +56,11 @@ def test_compiling_chains_takes_no_time_from_the_search(monkeypatch):
     space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
     endpoints, begun = ((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), []
 
-    def slow(*asked):
+    def slow(*arguments):
         if not begun:
             compile_for(0.6)
         begun.append(1)
-        return open_chain(*asked)
+        return open_chain(*arguments)
 
     monkeypatch.setattr(planners.passages, "open_chain", slow)
     plan = planners.plan(space, *endpoints, exact=True, seed=0, time_limit=0.3)

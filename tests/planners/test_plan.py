@@ -270,10 +270,10 @@ def test_a_proof_that_no_path_exists_prevents_the_search(
 
 @pytest.mark.parametrize("name", ENDPOINTS)
 def test_connectivity_is_queried_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    ask, asked = CSpace._connectivity, list[Any]()
-    monkeypatch.setattr(CSpace, "_connectivity", lambda *q: asked.append(q) or ask(*q))
+    query, calls = CSpace._connectivity, list[Any]()
+    monkeypatch.setattr(CSpace, "_connectivity", lambda *q: calls.append(q) or query(*q))
     plan = planners.plan(room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1)
-    assert plan.certified and len(asked) == 1
+    assert plan.certified and len(calls) == 1
 
 
 def test_the_status_says_if_a_path_exists() -> None:

@@ -60,8 +60,8 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(name: str, c
             assert bound == 0.0
             continue
         if space.size == dim:
-            least = least_distance(space, points)
-            assert max(0.0, least - 2.3 * space.grid.spacing) <= bound <= least
+            minimum = least_distance(space, points)
+            assert max(0.0, minimum - 2.3 * space.grid.spacing) <= bound <= minimum
         else:
             assert bound <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
         positive += bound > 0.0
@@ -132,9 +132,9 @@ def test_the_obstacle_distance_is_the_minimum_along_the_path(name: str, curve: s
     plan = planners.plan(space, *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
     edges = local_planner(space, False, plan.drive, plan.turning_radius)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
-    least = min(map(oracle(name), dense.centers))
+    minimum = min(map(oracle(name), dense.centers))
     between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())  # bound of the change between samples
-    assert least - between - 0.25 * space.grid.spacing - 1e-6 <= plan.obstacle_distance <= least + 1e-6
+    assert minimum - between - 0.25 * space.grid.spacing - 1e-6 <= plan.obstacle_distance <= minimum + 1e-6
     assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 
 
@@ -143,26 +143,26 @@ def test_the_obstacle_distance_follows_shapes_that_change() -> None:
     workspace = Workspace.from_polygons([pillar], 0.1, bounds=(0, 0, 8, 8))
     space = build(workspace, Robot.polygon(shapely.box(-0.5, -0.2, 0.5, 0.2)), outside="free", margin=0.05)
     plan = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
-    least = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
-    assert least - 0.025 - 1e-6 <= plan.obstacle_distance <= least
+    minimum = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
+    assert minimum - 0.025 - 1e-6 <= plan.obstacle_distance <= minimum
     assert plan.shown_distance == ("obstacle_distance", plan.obstacle_distance)
     assert f" m, obstacle distance {plan.obstacle_distance:.3f} m\n" in repr(plan)
     assert planners.plan(space, (1.0, 3.6), (1.0, 3.6)).obstacle_distance > 2.0
-    place = (4.0, 3.6, 0.0)[: space.size]
+    position = (4.0, 3.6, 0.0)[: space.size]
     apart = float(shapely.box(3.5, 3.4, 4.5, 3.8).distance(pillar))
-    assert space.obstacle_distance(place) == pytest.approx(apart, abs=1e-9)
-    assert space.obstacle_distance([place, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(apart - 0.05, abs=1e-9)
-    assert space.obstacle_distance(place, turns=0.2) == pytest.approx(apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9)
+    assert space.obstacle_distance(position) == pytest.approx(apart, abs=1e-9)
+    assert space.obstacle_distance([position, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(apart - 0.05, abs=1e-9)
+    assert space.obstacle_distance(position, turns=0.2) == pytest.approx(apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9)
     assert space.obstacle_distance((4.0, 2.5)) == 0.0  # inside the pillar, so boundaries do not intersect
     for wrong in ({"lengths": -0.1}, {"turns": [0.1, 0.2]}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} is .*it must be zero or above"):
-            space.obstacle_distance(place, **wrong)
+            space.obstacle_distance(position, **wrong)
     space.add_obstacle("ball", shapely.Point(4.0, 4.35).buffer(0.2))
     assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
     space.add_obstacle("ball", shapely.Point(4.0, 3.9).buffer(0.08))
     assert plan.obstacle_distance == 0.0
     space.remove_obstacle("ball")
-    assert plan.obstacle_distance == pytest.approx(least, abs=0.03)
+    assert plan.obstacle_distance == pytest.approx(minimum, abs=0.03)
     assert planners.plan(open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
 
 

@@ -12,6 +12,7 @@ import planners
 from cspace import InputError
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
+from tests.missing import output_without
 from tests.planning import CAR_OPTIONS, SPACES, room
 from tests.refusals import refusals
 

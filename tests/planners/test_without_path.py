@@ -108,13 +108,13 @@ def draw_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[Any
     """Draw short edges, many on borders of cells."""
     dim, grid = space.grid.dim, space.grid
     lower, upper = np.array(grid.lower), np.array(grid.upper)
-    places = rng.uniform(lower, upper, (2, count, dim))
-    places[1] = np.clip(places[0] + rng.normal(size=(count, dim)) * grid.spacing, lower, upper)
-    corners = lower + np.round((places - lower) / (grid.spacing / 2.0)) * grid.spacing / 2.0
-    places = np.where(rng.random(places.shape) < 0.3, np.clip(corners, lower, upper), places)
+    positions = rng.uniform(lower, upper, (2, count, dim))
+    positions[1] = np.clip(positions[0] + rng.normal(size=(count, dim)) * grid.spacing, lower, upper)
+    corners = lower + np.round((positions - lower) / (grid.spacing / 2.0)) * grid.spacing / 2.0
+    positions = np.where(rng.random(positions.shape) < 0.3, np.clip(corners, lower, upper), positions)
     turns = rng.normal(size=(2, count, len(space.rotations.names)))
     turns[1] = np.where(rng.random((count, 1)) < 0.5, turns[0], turns[0] + 0.7 * turns[1])
-    q0, q1 = configurations(space, np.concatenate([places, turns], axis=-1))
+    q0, q1 = configurations(space, np.concatenate([positions, turns], axis=-1))
     return q0, q1
 
 
@@ -176,10 +176,10 @@ FREE_YAWS = re.compile(r"at the (start|goal) only yaws (\S+) to (\S+) rad are pr
 def free_range(space: CSpace, q: Any, step: float = 1e-3) -> tuple[float, float]:
     """Return the range of yaws reached through FREE cells, by small steps."""
     ends = []
-    for way in (-1.0, 1.0):
+    for direction in (-1.0, 1.0):
         yaw = q[2]
-        while abs(yaw - q[2]) < math.tau and space.is_free([q[0], q[1], yaw + way * step]):
-            yaw += way * step
+        while abs(yaw - q[2]) < math.tau and space.is_free([q[0], q[1], yaw + direction * step]):
+            yaw += direction * step
         ends.append(yaw)
     return ends[0], ends[1]
 

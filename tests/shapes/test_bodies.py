@@ -56,9 +56,9 @@ def inside(part, points):
         index = np.round(point / spacing).astype(int)
         there = []
         for raster in (a_out, a_in):
-            place = tuple(index - raster.lower)
-            known = all(0 <= i < n for i, n in zip(place, raster.cells.shape, strict=True))
-            there.append(known and bool(raster.cells[place]))
+            position = tuple(index - raster.lower)
+            known = all(0 <= i < n for i, n in zip(position, raster.cells.shape, strict=True))
+            there.append(known and bool(raster.cells[position]))
         assert inner[cell] <= within <= outer[cell]
         assert there[1] <= within <= there[0]
     return answers.tolist()
@@ -121,8 +121,8 @@ def test_coincident_boxes_are_solid_in_their_union(seed, count, soup, cut_at_ran
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mesh = Mesh.of(join_meshes(*parts))
-    middles = np.moveaxis(np.indices(solid.shape), 0, -1) + 0.5 + np.array([0.013, 0.027, 0.041])
-    assert (mesh.contains(middles) == solid).all()
+    centers = np.moveaxis(np.indices(solid.shape), 0, -1) + 0.5 + np.array([0.013, 0.027, 0.041])
+    assert (mesh.contains(centers) == solid).all()
 
 
 @settings(max_examples=30)
@@ -157,9 +157,9 @@ def tube(turns=1.15, radius=3.0, thickness=1.0, along=40, around=12):
     """Make a tube whose end intersects its beginning."""
     t, a = np.linspace(0, 2 * np.pi * turns, along), 2 * np.pi * np.arange(around) / around
     out = np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
-    middle = radius * out + np.array([0, 0, 0.25]) * t[:, None] / (2 * np.pi)
+    center = radius * out + np.array([0, 0, 0.25]) * t[:, None] / (2 * np.pi)
     ring = thickness * (np.cos(a)[:, None] * out[:, None] + np.sin(a)[:, None] * np.array([0, 0, 1]))
-    vertices = np.concatenate([(middle[:, None] + ring).reshape(-1, 3), middle[:1], middle[-1:]])
+    vertices = np.concatenate([(center[:, None] + ring).reshape(-1, 3), center[:1], center[-1:]])
     p = np.arange((along - 1) * around)
     q = p - p % around + (p + 1) % around
     faces = [np.stack([p, q, q + around], axis=-1), np.stack([p, q + around, p + around], axis=-1)]

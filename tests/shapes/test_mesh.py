@@ -174,11 +174,11 @@ def test_coincident_vertices_and_empty_triangles_do_not_open_a_body():
         assert mesh.is_watertight
         assert len(mesh.bodies) == 1
     # A triangle without area on an edge is skipped; such a triangle that closes a gap is kept.
-    middle = np.vstack([TETRA_VERTICES, [0.5, 0, 0]])
-    assert Mesh.of((middle, np.concatenate([TETRA_FACES, [[0, 4, 1]]]))).is_watertight
+    vertices = np.vstack([TETRA_VERTICES, [0.5, 0, 0]])
+    assert Mesh.of((vertices, np.concatenate([TETRA_FACES, [[0, 4, 1]]]))).is_watertight
     halves = [[0, 4, 3], [4, 1, 3]]
-    assert not Mesh.of((middle, np.concatenate([TETRA_FACES[[0, 2, 3]], halves])), "surface").is_watertight
-    mended = Mesh.of((middle, np.concatenate([TETRA_FACES[[0, 2, 3]], halves, [[0, 1, 4]]])))
+    assert not Mesh.of((vertices, np.concatenate([TETRA_FACES[[0, 2, 3]], halves])), "surface").is_watertight
+    mended = Mesh.of((vertices, np.concatenate([TETRA_FACES[[0, 2, 3]], halves, [[0, 1, 4]]])))
     assert mended.is_watertight
     assert mended.volume == pytest.approx(1 / 6)
     assert mended.contains((0.2, 0.2, 0.2))

@@ -72,10 +72,10 @@ def test_a_spec_restores_the_shape(shape):
 def test_cells_agree_with_points(shape):
     grid, rng = grid_around(shape), np.random.default_rng(0)
     outer, inner = shape.cells(grid)
-    middles = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
+    centers = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
     assert not (inner & ~outer).any()
-    assert shape.inner.contains(middles)[inner].all()
-    assert not shape.outer.contains(middles)[~outer].any()
+    assert shape.inner.contains(centers)[inner].all()
+    assert not shape.outer.contains(centers)[~outer].any()
     points = draw_boundary_points(shape, rng)
     if shape.inner.encloses:
         # Boundary points of a part may lie inside another part.

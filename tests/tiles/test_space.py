@@ -155,9 +155,9 @@ def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
     space = cspace.build(workspace, cspace.Robot.disc(0.15))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "m", tile=15)
     start, goal, path = (0.7, 3.2), (5.3, 3.2), np.empty((0, 2))
-    legs = tiled._tile_subproblems(start, goal)
-    assert len(legs) > 3
-    for open_part, first, last in legs:
+    subproblems = tiled._tile_subproblems(start, goal)
+    assert len(subproblems) > 3
+    for open_part, first, last in subproblems:
         path = np.vstack([path, open_part().find_path(first, last)])
     assert path[[0, -1]].tolist() == [[*start], [*goal]] and space.certify_path(path).all()
     for q in ((3.1, 2.0), (-0.4, 1.0)):
@@ -216,12 +216,12 @@ def test_concurrent_queries_equal_serial_ones(tmp_path):
     q = draw_configurations(space, np.random.default_rng(0), 400)
     expected, wrong = space.classify(q), []
 
-    def ask(k):
+    def query_part(k):
         part = slice(100 * k, 100 * k + 100)
         if not np.array_equal(tiled.classify(q[part]), expected[part]):
             wrong.append(k)
 
-    threads = [threading.Thread(target=ask, args=(k,)) for k in range(4)]
+    threads = [threading.Thread(target=query_part, args=(k,)) for k in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
