@@ -19,7 +19,7 @@ ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 POSE = np.vstack([np.c_[ROTATION, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])
 
 
-def mesh(made: Any) -> Shape:
+def to_mesh(made: Any) -> Shape:
     return Mesh(made.vertices, made.faces)
 
 
@@ -27,8 +27,8 @@ SHAPES = {
     "box": lambda: Robot.box((0.2, 0.3, 0.4)).shape,
     "cylinder": lambda: Robot.cylinder(0.1, 0.3).shape,
     "ball": lambda: Robot.ball(0.1).shape,
-    "ring": lambda: mesh(trimesh.creation.annulus(0.1, 0.2, 0.1, sections=40)),
-    "globe": lambda: mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.2)),
+    "ring": lambda: to_mesh(trimesh.creation.annulus(0.1, 0.2, 0.1, sections=40)),
+    "globe": lambda: to_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.2)),
     "flat": lambda: Mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)], solid="surface"),
 }
 
@@ -79,7 +79,7 @@ def test_build_forest_contains_all_parts() -> None:
 
 
 @njit
-def bounds(chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any) -> tuple[float, float, float]:
+def compute_bounds(chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any) -> tuple[float, float, float]:
     return motion_bounds(chain, a, b, radius, q0, q1)
 
 
@@ -123,7 +123,7 @@ def test_motion_bounds_agree_with_differences(tmp_path: Path, make: Any, start: 
         for other in arm.links:
             if one.body == other.body:
                 continue
-            far, curvature_bound, _ = bounds(arm.chain, one.body, other.body, radius, q0, q1)
+            far, curvature_bound, _ = compute_bounds(arm.chain, one.body, other.body, radius, q0, q1)
             seen = np.stack([(corners @ (np.linalg.inv(each[other.name]) @ each[one.name]).T)[:, :3] for each in poses])
             speed = np.linalg.norm(np.diff(seen, axis=0), axis=-1).max() * 100
             bent = np.linalg.norm(np.diff(seen, n=2, axis=0), axis=-1).max() * 100**2
@@ -190,7 +190,7 @@ def test_ball_inside_a_ring_body_collides(tmp_path: Path) -> None:
             tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm", axis=(0, 1, 0))
         )
     )
-    held = arm.attach("ring", mesh(trimesh.creation.annulus(0.5, 1.5, 1.0)), "arm")
+    held = arm.attach("ring", to_mesh(trimesh.creation.annulus(0.5, 1.5, 1.0)), "arm")
     for x, is_free in ((1.0, False), (0.0, True)):
         space = build_arm_space({"ball": PosedShape(Robot.ball(0.05).shape, pose_at(x, 0.0))}, held)
         assert space.is_free((0.0,)) is space.motion_is_free((0.0,), (1.0,)) is is_free

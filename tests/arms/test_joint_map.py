@@ -17,7 +17,7 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map
 from cspace.errors import ConfigurationError, InputError
-from tests.arms.test_space import scene
+from tests.arms.test_space import draw_scene
 from tests.maps import proven_paths
 from tests.refusals import refusals
 from tests.soak.plane import place_polygon
@@ -27,7 +27,7 @@ POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres."""
 
 
-def plane_arm(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
+def build_plane_arm(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
     """Build two bars among posts."""
     shapes = {f"post{k}": posed_box((side, side, 2.0), x, y, 0) for k, (x, y, side) in enumerate(posts)}
     return build_arm_space(shapes, Arm.from_urdf(planar(folder, limits=limits)))
@@ -44,7 +44,7 @@ def meets_posts(q: Any, posts: Any = POSTS) -> Any:
 
 def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
     """Test configurations in cells, also at their corners."""
-    space = plane_arm(tmp_path)
+    space = build_plane_arm(tmp_path)
     joint_map = build_joint_map(space, 6.0 / 150)
     assert isinstance(joint_map, CSpace)
     assert (joint_map.axes, joint_map.grid.units, joint_map.grid.shape) == (
@@ -77,7 +77,7 @@ def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", [1, 3, 4])
 def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) -> None:
     """Draw boxes on all kinds of joints; hold others."""
-    space, oracle, rng = scene(tmp_path, seed)
+    space, oracle, rng = draw_scene(tmp_path, seed)
     configurations = space.sample_free(50, rng)
     held = configurations[np.argmax(space.obstacle_distance(configurations))]
     names = space.arm.joints[:3]
@@ -97,7 +97,7 @@ def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) ->
 def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
     """Split the range of the upper arm by a post."""
     posts = ((0.7, 0.0, 0.3),)
-    space = plane_arm(tmp_path, (-1.5, 1.5), posts)
+    space = build_plane_arm(tmp_path, (-1.5, 1.5), posts)
     joint_map = build_joint_map(space, 0.05)
     left, right = (-1.0, 0.3), (1.0, -0.3)
     assert joint_map.is_disconnected(left, right)
@@ -111,7 +111,7 @@ def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
 
 def test_joint_map_supports_all_queries(tmp_path: Path) -> None:
     """Prove edges and paths of the map by the arm."""
-    space = plane_arm(tmp_path)
+    space = build_plane_arm(tmp_path)
     joint_map = build_joint_map(space, 0.05)
     rng = np.random.default_rng(5)
     q = joint_map.sample_free(100, rng)
@@ -170,7 +170,7 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) ->
     assert joint_map.grid.unit == "rad or m"
 
 
-def periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
+def build_periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
     """Build two bars on a continuous shoulder among posts."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = write_urdf(
@@ -188,7 +188,7 @@ def periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
 def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
     """Include the seam, copies, plans and changed cells."""
     posts, rng = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4)), np.random.default_rng(6)
-    space = periodic_arm(tmp_path, posts) if circle else plane_arm(tmp_path, posts=posts)
+    space = build_periodic_arm(tmp_path, posts) if circle else build_plane_arm(tmp_path, posts=posts)
     joint_map = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
     q = rng.uniform(low, high, (300, 2))
@@ -221,7 +221,7 @@ def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
 
 def test_paths_cross_the_seam(tmp_path: Path) -> None:
     """Stop the bar on the right, but not at the seam."""
-    space = periodic_arm(tmp_path, ((0.7, 0.0, 0.3),))
+    space = build_periodic_arm(tmp_path, ((0.7, 0.0, 0.3),))
     joint_map = build_joint_map(space, 0.05)
     assert joint_map.grid.spacing == pytest.approx(2.0 * np.pi / 126)
     left, right = (-1.0, 0.3), (1.0, -0.3)
@@ -232,14 +232,14 @@ def test_paths_cross_the_seam(tmp_path: Path) -> None:
         assert joint_map.certify_path(path).all()
         assert np.all(space.certify_path(path))
         assert not meets_posts(path, ((0.7, 0.0, 0.3),)).any()
-    with_wall = build_joint_map(periodic_arm(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
+    with_wall = build_joint_map(build_periodic_arm(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
     assert with_wall.is_disconnected(left, right)
 
 
 @pytest.mark.parametrize("cells", [75, 76])
 def test_last_cell_contains_the_last_angle(tmp_path: Path, cells: int) -> None:
     """Include 75 cells, whose rounded sum is below a turn."""
-    joint_map = build_joint_map(periodic_arm(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
+    joint_map = build_joint_map(build_periodic_arm(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
     last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
     assert joint_map.grid.shape[0] == cells
     assert joint_map.is_connected(last, other)
@@ -258,7 +258,7 @@ def test_joint_maps_agree_with_shapely(
     rng = np.random.default_rng(seed)
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
     posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
-    space = periodic_arm(tmp_path_factory.mktemp("arm"), posts, **elbow)
+    space = build_periodic_arm(tmp_path_factory.mktemp("arm"), posts, **elbow)
     joint_map = build_joint_map(space, 0.12)
     circles, states = joint_map.periodic_axes, np.asarray(joint_map.cell_states)
     for state, collides in ((FREE, True), (BLOCKED, False)):
@@ -324,7 +324,7 @@ def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
 )
 def test_build_joint_map_refuses_invalid_arguments(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        build_joint_map(plane_arm(tmp_path), **{"spacing": 0.1, **options})
+        build_joint_map(build_plane_arm(tmp_path), **{"spacing": 0.1, **options})
 
 
 def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:

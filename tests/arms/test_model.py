@@ -237,14 +237,14 @@ def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
 OPEN_MESH = '<collision><geometry><mesh filename="open.stl"/></geometry></collision>'
 
 
-def arm_with_open_mesh(folder: Path) -> Path:
+def write_arm_with_open_mesh(folder: Path) -> Path:
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(folder / "open.stl")
     return write_urdf(folder, link("a", BAR), link("b", extra=OPEN_MESH), joint("one", "a", "b"))
 
 
 def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: Path) -> None:
-    path = arm_with_open_mesh(tmp_path)
+    path = write_arm_with_open_mesh(tmp_path)
     with pytest.warns(MeshWarning, match=r"link 'b', collision 0 are open") as heard:
         Arm.from_urdf(path)
     assert [each.filename for each in heard] == [__file__]
@@ -287,7 +287,7 @@ def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> Non
             build_arm_space({"ball": inside}, Arm.from_urdf(path, **options))
 
 
-def chain_of_three(folder: Path, leader: str) -> Path:
+def write_chain(folder: Path, leader: str) -> Path:
     """Write an arm of three joints; the second mimics ``leader``."""
     mimics = ["", f'<mimic joint="{leader}"/>', '<mimic joint="one"/>' if leader == "three" else ""]
     joints = zip(("one", "two", "three"), "abc", "bcd", mimics, strict=True)
@@ -295,7 +295,7 @@ def chain_of_three(folder: Path, leader: str) -> Path:
     return write_urdf(folder, *links, *(joint(name, a, b, extra=mimic) for name, a, b, mimic in joints))
 
 
-def with_mesh(folder: Path) -> Path:
+def write_arm_with_mesh(folder: Path) -> Path:
     mesh = '<collision><geometry><mesh filename="package://arm/meshes/lost.stl"/></geometry></collision>'
     return write_urdf(folder, link("a", BAR), link("b", extra=mesh), joint("one", "a", "b"))
 
@@ -323,10 +323,10 @@ def with_mesh(folder: Path) -> Path:
         InputError,
         "joint 'shoulder' mimics 'lost'; the URDF has no such joint",
     ),
-    (chain_of_three, {"leader": "lost"}, InputError, "joint 'two' mimics 'lost'; .* no such joint; it has one, two"),
-    (chain_of_three, {"leader": "one", "base": "b"}, InputError, "mimics 'one'; that joint is not below the base 'b'"),
-    (chain_of_three, {"leader": "three"}, InputError, "mimics 'three'; that joint mimics another one itself"),
-    (with_mesh, {}, FileError, "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"),
+    (write_chain, {"leader": "lost"}, InputError, "joint 'two' mimics 'lost'; .* no such joint; it has one, two"),
+    (write_chain, {"leader": "one", "base": "b"}, InputError, "mimics 'one'; that joint is not below the base 'b'"),
+    (write_chain, {"leader": "three"}, InputError, "mimics 'three'; that joint mimics another one itself"),
+    (write_arm_with_mesh, {}, FileError, "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"),
     (
         lambda folder: write_urdf(folder, link("a"), link("b"), joint("one", "a", "b")),
         {},

@@ -20,24 +20,24 @@ SIDE = 10
 LOWER = (-1.0, -1.0, -1.0)
 
 
-def cell_boxes(cells: Any, pose: Any = None) -> list[Any]:
+def make_cell_boxes(cells: Any, pose: Any = None) -> list[Any]:
     pose = np.eye(4) if pose is None else pose
     turn, centers = pose[:3, :3], (np.argwhere(cells) + 0.5) * H + LOWER
     return [box((H, H, H), turn @ center + pose[:3, 3], turn) for center in centers]
 
 
-def allowed_pairs(arm: Arm, name: str) -> list[tuple[str, str]]:
+def list_allowed_pairs(arm: Arm, name: str) -> list[tuple[str, str]]:
     """Return all pairs of links, and one with ``name``."""
     names = [each.name for each in arm.links]
     return [*((one, other) for one in names for other in names if one < other), (names[0], name)]
 
 
-def oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
-    return ArmOracle(path, arm, {"still": still}, allowed_pairs(arm, "still"))
+def make_oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
+    return ArmOracle(path, arm, {"still": still}, list_allowed_pairs(arm, "still"))
 
 
-def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", base_pose: Any = None) -> ArmSpace:
-    return build_arm_space(obstacles, arm, allowed_collisions=allowed_pairs(arm, name), base_pose=base_pose)
+def build_without_self_collisions(obstacles: Any, arm: Arm, name: str = "workspace", base_pose: Any = None) -> ArmSpace:
+    return build_arm_space(obstacles, arm, allowed_collisions=list_allowed_pairs(arm, name), base_pose=base_pose)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -47,8 +47,8 @@ def test_grids_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     arm = Arm.from_urdf(path)
     outer = rng.random((SIDE,) * 3) < 0.03
     inner = outer & (rng.random(outer.shape) < 0.5)
-    space = only_obstacles(Workspace.from_array(outer, H, LOWER, inner=inner), arm)
-    around, within = (oracle(path, arm, cell_boxes(cells)) for cells in (outer, inner))
+    space = build_without_self_collisions(Workspace.from_array(outer, H, LOWER, inner=inner), arm)
+    around, within = (make_oracle(path, arm, make_cell_boxes(cells)) for cells in (outer, inner))
     points = sample_configurations(arm, rng, 40)
     states = np.asarray(space.classify(points))
     assert set(states.tolist()) >= {FREE, BLOCKED}
@@ -74,10 +74,10 @@ def test_rotated_cells_agree_with_fcl(tmp_path: Path, moved: str) -> None:
     cells, pose = rng.random((SIDE,) * 3) < 0.03, pose_at(0.1, 0.2, -0.1, (0.3, -0.7, 1.1))
     shape = Voxels.of(cells, H, LOWER)
     if moved == "obstacles":
-        space = only_obstacles({"cells": PosedShape(shape, pose)}, arm, "cells")
+        space = build_without_self_collisions({"cells": PosedShape(shape, pose)}, arm, "cells")
     else:
-        space = only_obstacles({"cells": shape}, arm, "cells", base_pose=np.linalg.inv(pose))
-    around = oracle(path, arm, cell_boxes(cells, pose))
+        space = build_without_self_collisions({"cells": shape}, arm, "cells", base_pose=np.linalg.inv(pose))
+    around = make_oracle(path, arm, make_cell_boxes(cells, pose))
     points = sample_configurations(arm, rng, 40)
     free = np.asarray(space.is_free(points))
     np.testing.assert_array_equal(free, [around.apart(q) > 1e-6 for q in points])
@@ -90,8 +90,8 @@ def test_clouds_agree_with_fcl(tmp_path: Path, radius: float) -> None:
     path, rng = random_arm(tmp_path, 2), np.random.default_rng(2)
     arm = Arm.from_urdf(path)
     points = rng.uniform(-1.0, 1.0, (60, 3))
-    space = only_obstacles(Workspace.from_points(points, 0.5, radius=radius), arm)
-    around = oracle(path, arm, [ball(max(radius, 1e-9), point) for point in points])
+    space = build_without_self_collisions(Workspace.from_points(points, 0.5, radius=radius), arm)
+    around = make_oracle(path, arm, [ball(max(radius, 1e-9), point) for point in points])
     for q in sample_configurations(arm, rng, 40):
         apart, state = around.apart(q), space.classify(q)
         assert (state == FREE) == (apart > 1e-6)
@@ -100,7 +100,7 @@ def test_clouds_agree_with_fcl(tmp_path: Path, radius: float) -> None:
             assert space.obstacle_distance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
 
 
-def tip_arm(folder: Path, size: float) -> Arm:
+def make_tip_arm(folder: Path, size: float) -> Arm:
     return Arm.from_urdf(
         write_urdf(folder, link("base"), link("tip", ((size,) * 3, (5, 0, 0))), joint("turn", "base", "tip"))
     )
@@ -112,7 +112,7 @@ def test_containment_is_blocked(tmp_path: Path, size: float, width: int) -> None
     cells = np.zeros((40, 40, 40), dtype=bool)
     block = slice(20 - width // 2, 20 - width // 2 + width)
     cells[block, block, block] = True
-    arm, lower = tip_arm(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
+    arm, lower = make_tip_arm(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
     space = build_arm_space(Workspace.from_array(cells, 0.1, lower), arm)
     assert space.classify((0.0,)) == BLOCKED
     assert space.obstacle_distance((0.0,)) == 0.0
@@ -126,7 +126,7 @@ def test_parts_larger_than_a_link_still_collide(tmp_path: Path) -> None:
     """Connect cells only by edges; a link contains some."""
     cells = np.zeros((40, 40, 40), dtype=bool)
     cells[range(40), range(40), 20] = True
-    space = build_arm_space(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), tip_arm(tmp_path, 2.0))
+    space = build_arm_space(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), make_tip_arm(tmp_path, 2.0))
     assert space.classify((0.0,)) == BLOCKED
 
 

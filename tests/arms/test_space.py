@@ -17,7 +17,7 @@ from tests.solids import ArmOracle, box, sample_configurations
 from tests.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
 
 
-def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Generator]:
+def draw_scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Generator]:
     rng = np.random.default_rng(seed)
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
@@ -37,7 +37,7 @@ def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Gen
 
 @pytest.mark.parametrize("seed", range(3))
 def test_states_agree_with_fcl(tmp_path: Path, seed: int) -> None:
-    space, oracle, rng = scene(tmp_path, seed)
+    space, oracle, rng = draw_scene(tmp_path, seed)
     points = sample_configurations(space.arm, rng, 60)
     apart = np.array([oracle.apart(q) for q in points])
     states = np.asarray(space.classify(points))
@@ -52,7 +52,7 @@ def test_states_agree_with_fcl(tmp_path: Path, seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_motions_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     """Sample motions; those not proven collide or nearly touch."""
-    space, oracle, rng = scene(tmp_path, seed)
+    space, oracle, rng = draw_scene(tmp_path, seed)
     free = space.sample_free(24, rng)
     goals = np.clip(free + rng.normal(scale=0.5, size=free.shape), space.arm.lower, space.arm.upper)
     proven = np.asarray(space.motion_is_free(free, goals))
@@ -64,7 +64,7 @@ def test_motions_agree_with_fcl(tmp_path: Path, seed: int) -> None:
 
 
 def test_path_obstacle_distance_is_a_lower_bound(tmp_path: Path) -> None:
-    space, oracle, rng = scene(tmp_path, 0)
+    space, oracle, rng = draw_scene(tmp_path, 0)
     free = space.sample_free(24, rng)
     goals = np.clip(free + rng.normal(scale=0.3, size=free.shape), space.arm.lower, space.arm.upper)
     distances = [space.path_obstacle_distance([q0, q1]) for q0, q1 in zip(free, goals, strict=True)]
@@ -103,7 +103,7 @@ def test_small_arms_agree_with_hand_calculations(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
     """Compare their distance with that of the pair."""
-    space, oracle, rng = scene(tmp_path, seed)
+    space, oracle, rng = draw_scene(tmp_path, seed)
     for q in space.sample_free(5, rng):
         contact = space.closest(q)
         assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(oracle.apart(q), rel=1e-3, abs=1e-5)
@@ -272,7 +272,7 @@ def test_queries_beyond_a_limit_hold_for_the_given_configuration(tmp_path: Path)
     assert planners.plan(space, (0.0,), (0.5 + HAIR,)).certified
 
 
-def distances_to_bars(q: Any, point: Any) -> Any:
+def measure_distances_to_bars(q: Any, point: Any) -> Any:
     """Return distances (n,) from a point to the bars."""
     shoulder, elbow = np.asarray(q).T
     angles, origins = (shoulder, shoulder + elbow), (np.zeros_like(shoulder), np.exp(1j * shoulder))
@@ -304,7 +304,7 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
     ball = {"ball": PosedShape(Robot.ball(0.1).shape, pose_at(*point, 0.0))}
     space = build_arm_space(ball, arm, allowed_collisions=[("foot", "ball")])
     q1 = (q0[0] + turn, elbow)
-    near = distances_to_bars(np.linspace(q0, q1, 2000), point).min()
+    near = measure_distances_to_bars(np.linspace(q0, q1, 2000), point).min()
     certified = space.certify_path([q0, q1])[0]
     assert near > 0.1 if certified else near < 0.12
     assert certified == space.motion_is_free(q0, q1) == space.certify_path([q1, q0], [(1, 0)])[0]

@@ -16,11 +16,11 @@ from cspace.shapes import Pieces
 from tests.strategies import seeds, stars
 
 
-def bare(simplices):
+def to_pieces(simplices):
     return Pieces(simplices, np.zeros(len(simplices)))
 
 
-def areas(triangles):
+def compute_areas(triangles):
     return 0.5 * np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
 
 
@@ -31,7 +31,7 @@ def test_cell_boundaries_have_an_anchor_per_part(seed):
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
     if cells.any():
         triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))
-        assert len(part_anchors(bare(triangles))[0]) >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
+        assert len(part_anchors(to_pieces(triangles))[0]) >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
 
 
 @settings(max_examples=30)
@@ -41,14 +41,14 @@ def test_clip_keeps_the_part_in_the_box(seed):
     grid = cspace.Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
     triangles = rng.uniform(-1, 2, (5, 3, 3))
     triangles[0, :, 0] = 1.0  # on a face of the box
-    parts = clip(bare(triangles), grid).simplices
+    parts = clip(to_pieces(triangles), grid).simplices
     assert (parts >= 0.0).all() and (parts <= 1.0).all()
     weights = rng.dirichlet(np.ones(3), 20_000)
     for triangle in triangles:
         inside = (np.abs(weights @ triangle - 0.5) <= 0.5 + 1e-9).all(axis=1).mean()
-        whole = areas(triangle[None])[0]
-        part = clip(bare(triangle[None]), grid).simplices
-        assert areas(part).sum() == pytest.approx(inside * whole, abs=0.03 * whole)
+        whole = compute_areas(triangle[None])[0]
+        part = clip(to_pieces(triangle[None]), grid).simplices
+        assert compute_areas(part).sum() == pytest.approx(inside * whole, abs=0.03 * whole)
 
 
 @settings(max_examples=80)
@@ -86,6 +86,6 @@ def test_clip_keeps_balls_that_reach_the_grid():
 def test_part_anchors_returns_one_point_per_part():
     rng = np.random.default_rng(0)
     spheres = [trimesh.creation.icosphere(1, r).triangles + 3.0 * k for k, r in enumerate((0.5, 0.2, 0.9))]
-    points, sizes = part_anchors(bare(rng.permutation(np.concatenate(spheres))))
+    points, sizes = part_anchors(to_pieces(rng.permutation(np.concatenate(spheres))))
     assert sorted(np.round(points.mean(axis=1) / 3.0).tolist()) == [0.0, 1.0, 2.0]
     np.testing.assert_allclose(np.sort(sizes), [0.4, 1.0, 1.8], rtol=0.2)

@@ -19,13 +19,13 @@ CORNERS = [(1, 1), (-1, 1), (-1, -1)]
 RADIUS = 0.37
 
 
-def farthest_lower(signs, spacing):
+def find_farthest_lower(signs, spacing):
     """Return the lower corner of the farthest allowed grid."""
     last = MAX_COORDINATE - CELLS - 1
     return np.where(np.array(signs) > 0, last, -last - CELLS) * spacing
 
 
-def boxes_around(lower, rng, count=6):
+def draw_boxes(lower, rng, count=6):
     low = lower + rng.uniform(0.2, 2.0, (count, len(lower)))
     return np.hstack([low, low + rng.uniform(0.05, 0.4, low.shape)])
 
@@ -33,8 +33,8 @@ def boxes_around(lower, rng, count=6):
 @settings(max_examples=15)
 @given(seeds, st.sampled_from(CORNERS), st.sampled_from([0.0625, 0.05]))
 def test_points_and_edges_agree_with_rational_arithmetic(seed, signs, spacing):
-    rng, lower = np.random.default_rng(seed), farthest_lower(signs, spacing)
-    boxes = boxes_around(lower, rng)
+    rng, lower = np.random.default_rng(seed), find_farthest_lower(signs, spacing)
+    boxes = draw_boxes(lower, rng)
     bounds = np.concatenate([lower, lower + CELLS * spacing])
     workspace = Workspace.from_polygons([shapely.box(*box) for box in boxes], spacing, bounds)
     space = cspace.build(workspace, Robot.disc(RADIUS), outside="free")
@@ -54,8 +54,8 @@ def test_points_and_edges_agree_with_rational_arithmetic(seed, signs, spacing):
 @pytest.mark.parametrize("signs", CORNERS)
 def test_rotating_robots_agree_with_shapely(signs):
     spacing, rng = 0.0625, np.random.default_rng(1)
-    lower = farthest_lower(signs, spacing)
-    boxes = boxes_around(np.zeros(2), rng)
+    lower = find_farthest_lower(signs, spacing)
+    boxes = draw_boxes(np.zeros(2), rng)
     workspace = Workspace.from_polygons(
         [shapely.box(*box) for box in boxes + np.tile(lower, 2)], spacing, [*lower, *(lower + CELLS * spacing)]
     )
@@ -78,7 +78,7 @@ def test_rotating_robots_agree_with_shapely(signs):
 @pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, -1)])
 def test_balls_in_space_agree_with_distances(signs):
     spacing, rng = 0.0625, np.random.default_rng(2)
-    lower = farthest_lower(signs, spacing)
+    lower = find_farthest_lower(signs, spacing)
     centers = lower + rng.uniform(0.5, 2.5, (8, 3))
     workspace = Workspace.from_balls(centers, 0.2, spacing, [*lower, *(lower + CELLS * spacing)])
     space = cspace.build(workspace, Robot.ball(RADIUS), outside="free")
@@ -92,7 +92,7 @@ def test_balls_in_space_agree_with_distances(signs):
 
 
 def test_grids_refuse_to_reach_farther():
-    lower = farthest_lower((1, 1), 0.05)
+    lower = find_farthest_lower((1, 1), 0.05)
     Grid(lower, 0.05, (CELLS, CELLS))
     with pytest.raises(cspace.InputError, match="cells from the origin"):
         Grid(lower, 0.05, (CELLS + 3, CELLS))

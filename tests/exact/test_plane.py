@@ -20,14 +20,14 @@ from tests.strategies import robots, seeds, stars
 SIDE = 0.6
 
 
-def corridor(share):
+def make_corridor(share):
     """Build a corridor along x, ``share`` robots wide."""
     half = SIDE * share / 2
     blocks = [shapely.box(2, 0, 4, 2 - half), shapely.box(2, 2 + half, 4, 4)]
     return Workspace.from_polygons(blocks, SIDE / 5, (0, 0, 6, 4))
 
 
-def distances(space, q, shape):
+def measure_distances(space, q, shape):
     """Return distances from obstacles, negative for discs inside."""
     q = np.asarray(q, dtype=float).reshape(-1, space.size)
     if shape.is_empty:
@@ -83,7 +83,7 @@ def spaces(draw):
 def test_points_agree_with_shapely(space, seed):
     q = draw_near_mixed(space, np.random.default_rng(seed), 300)
     shape = obstacles_of(space)
-    free, spare = space.is_free(q, exact=True), distances(space, q, shape) - space.margin
+    free, spare = space.is_free(q, exact=True), measure_distances(space, q, shape) - space.margin
     assert not (free & (spare <= 0.0)).any()
     state = space.classify(q)
     decided = (np.abs(spare) > ORACLE_BAND) & (state != BLOCKED)
@@ -103,7 +103,9 @@ def test_free_edges_never_collide(space, seed):
     assert free[by_map].all()
     shape = obstacles_of(space)
     for first, last, proven in zip(q0, q1, free, strict=True):
-        smallest = distances(space, interpolate(first, last, 1000 if proven else 60), shape).min() - space.margin
+        smallest = (
+            measure_distances(space, interpolate(first, last, 1000 if proven else 60), shape).min() - space.margin
+        )
         if proven:
             assert smallest > 0.0
         else:  # the edge comes closer to an obstacle than 1 % of its length
@@ -117,8 +119,8 @@ def test_free_edges_never_collide(space, seed):
 @pytest.mark.parametrize("yaw", [0.0, math.pi, -4.0 * math.pi])
 def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
     robot = Robot.rectangle(0.9, SIDE)
-    wide = cspace.build(corridor(1.02), robot, rotations=turns)
-    narrow = cspace.build(corridor(0.98), robot, rotations=turns)
+    wide = cspace.build(make_corridor(1.02), robot, rotations=turns)
+    narrow = cspace.build(make_corridor(0.98), robot, rotations=turns)
     edge = ([1.0, 2.0], [5.0, 2.0]) if turns is None else ([1.0, 2.0, yaw], [5.0, 2.0, yaw])
     assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
     assert wide.is_free(np.mean(edge, axis=0), exact=True) and not wide.is_free(np.mean(edge, axis=0))
@@ -129,7 +131,7 @@ def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
 @pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12])
 def test_corridor_as_wide_as_the_robot_is_blocked(share):
     """Include a corridor wider by the allowed rounding."""
-    space = cspace.build(corridor(share), Robot.rectangle(0.9, SIDE))
+    space = cspace.build(make_corridor(share), Robot.rectangle(0.9, SIDE))
     assert not space.motion_is_free([1.0, 2.0], [5.0, 2.0], exact=True)
     assert not space.is_free([3.0, 2.0], exact=True)
 
@@ -142,7 +144,7 @@ def test_rectangle_rotates_as_far_as_a_corridor_allows(angle):
     """
     length, height = 0.9, SIDE * 1.02
     fits = length * math.sin(angle) + SIDE * math.cos(angle) < height
-    space = cspace.build(corridor(1.02), Robot.rectangle(length, SIDE), rotations=72)
+    space = cspace.build(make_corridor(1.02), Robot.rectangle(length, SIDE), rotations=72)
     assert space.is_free([3.0, 2.0, angle], exact=True) == fits
     assert space.motion_is_free([3.0, 2.0, -0.01], [3.0, 2.0, angle], exact=True) == fits
     assert space.motion_is_free([3.0, 2.0, math.pi - 0.01], [3.0, 2.0, angle - math.pi], exact=True) == fits
@@ -300,14 +302,14 @@ def test_half_turns_are_proven_along_both_arcs():
 
 
 def test_grazing_edges_are_free_and_touching_edges_are_not():
-    space = cspace.build(corridor(1.0 + 1e-7), Robot.rectangle(0.9, SIDE), rotations=72)
+    space = cspace.build(make_corridor(1.0 + 1e-7), Robot.rectangle(0.9, SIDE), rotations=72)
     assert space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 0.0], exact=True)
     assert space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 1e-9], exact=True)
     assert not space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 1e-6], exact=True)
 
 
 def test_cells_and_geometry_decide_together():
-    space = cspace.build(corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=72)
+    space = cspace.build(make_corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=72)
     point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
     q = [[1.0, 2.0, 0.0], [3.0, 1.0, 0.0], [3.0, 2.0, 0.0], [3.0, 2.0, 0.02]]
     assert space.classify(q).tolist() == [FREE, BLOCKED, MIXED, MIXED]
@@ -318,7 +320,7 @@ def test_cells_and_geometry_decide_together():
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_far_configurations_are_decided(outside):
-    space = cspace.build(corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside)
+    space = cspace.build(make_corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside)
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
         assert not space.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0], exact=True) or outside == "free"

@@ -17,25 +17,25 @@ from tests.handmade import configurations
 from tests.placements import draw_near_mixed
 
 
-def plane(rotations=None):
+def build_plane(rotations=None):
     workspace = Workspace.from_array(np.random.default_rng(5).random((40, 30)) < 0.03, 0.1)
     return cspace.build(workspace, Robot.rectangle(0.33, 0.21), rotations=rotations)
 
 
-def spatial(robot, **options):
+def build_spatial(robot, **options):
     rng = np.random.default_rng(5)
     workspace = Workspace.from_balls(rng.uniform(0, 2, (12, 3)), 0.05, 0.1, (0, 0, 0, 2, 2, 2))
     return cspace.build(workspace, robot, **options)
 
 
 EXACT_SPACES = {
-    "plane": plane,
-    "turning": lambda: plane(24),
-    "box": lambda: spatial(Robot.box((0.3, 0.2, 0.3))),
-    "box with yaw": lambda: spatial(Robot.box((0.3, 0.1, 0.2)), rotations=6),
-    "box any way": lambda: spatial(Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)),
-    "mesh": lambda: spatial(Robot.from_mesh(trimesh.creation.icosphere(1, 0.2))),
-    "balls": lambda: spatial(Robot.from_balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
+    "plane": build_plane,
+    "turning": lambda: build_plane(24),
+    "box": lambda: build_spatial(Robot.box((0.3, 0.2, 0.3))),
+    "box with yaw": lambda: build_spatial(Robot.box((0.3, 0.1, 0.2)), rotations=6),
+    "box any way": lambda: build_spatial(Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)),
+    "mesh": lambda: build_spatial(Robot.from_mesh(trimesh.creation.icosphere(1, 0.2))),
+    "balls": lambda: build_spatial(Robot.from_balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
 }
 
 
@@ -44,7 +44,7 @@ def make(request):
     return EXACT_SPACES[request.param]
 
 
-def centers(space):
+def list_centers(space):
     """Return the centers of all cells at the first rotation."""
     q = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
     q = np.column_stack([q, np.tile(space.rotations.centers[0], (len(q), 1))])
@@ -94,7 +94,7 @@ def test_containment_stops_at_the_first_body(monkeypatch):
 
 def test_decided_cells_need_no_geometry(make):
     space = make()
-    q = centers(space)
+    q = list_centers(space)
     q = q[space.classify(q) != MIXED]
     edges = q[:-1], q[1:]
     through = space.motion_is_free(*edges)
@@ -121,9 +121,9 @@ def test_queries_refuse_invalid_configurations(make, bad):
 
 
 def test_queries_refuse_shapes_that_depend_on_the_spacing():
-    space = spatial(Robot.from_mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
+    space = build_spatial(Robot.from_mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
     with pytest.raises(InputError, match=r"solid='fill'.*pass solid='auto'"):
-        space.is_free(centers(space), exact=True)
+        space.is_free(list_centers(space), exact=True)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

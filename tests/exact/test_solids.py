@@ -24,12 +24,12 @@ from tests.strategies import seeds
 # ---- oracles ---------------------------------------------------------------------------------------------------------
 
 
-def boxes_mesh(boxes):
+def join_boxes(boxes):
     """Unite boxes (lower, upper) in one mesh."""
     return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in np.reshape(boxes, (-1, 2, 3))])
 
 
-def gaps_of(space, robot, obstacles):
+def make_gaps(space, robot, obstacles):
     """Return a function from positions to (distance - margin)."""
     pairs = [Pair.of(robot, obstacles)]
     if space.outside == "blocked":
@@ -83,10 +83,10 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
         boxes = np.clip(boxes, corner + 0.01, corner + 2.29)
         boxes = boxes[(boxes[:, 1] - boxes[:, 0] > 0.01).all(axis=1)]
         boxes = boxes if len(boxes) else np.array([[corner + 1.0, corner + 1.2]])
-    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (*corner, *(corner + 2.3)))
+    workspace = Workspace.from_mesh(join_boxes(boxes), 0.1, (*corner, *(corner + 2.3)))
     size, center = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.3, 0.3, 3)
     space = cspace.build(workspace, Robot.box(size, center), outside=outside, margin=margin, inner=inner)
-    gaps = gaps_of(space, Blocks.boxes([center - size / 2, center + size / 2]), Blocks.boxes(boxes))
+    gaps = make_gaps(space, Blocks.boxes([center - size / 2, center + size / 2]), Blocks.boxes(boxes))
     q0 = draw_near_mixed(space, rng, 150, share=0.75)
     check_points(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (150, 1))
@@ -109,7 +109,7 @@ def test_robots_among_balls_agree_with_arithmetic(seed, kind, margin, points):
         "balls": (Robot.from_balls(spots, reach), Blocks.balls(spots, reach)),
     }[kind]
     space = cspace.build(workspace, robot, margin=margin)
-    gaps = gaps_of(space, body, Blocks.balls(centers, radii))
+    gaps = make_gaps(space, body, Blocks.balls(centers, radii))
     q0 = draw_near_mixed(space, rng, 150, share=0.75)
     check_points(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
@@ -123,9 +123,9 @@ def test_ball_among_boxes_agrees_with_arithmetic(seed, margin):
     low = rng.uniform(0.1, 1.5, (4, 3))
     boxes = np.stack([low, low + rng.uniform(0.1, 0.4, low.shape)], axis=1)
     center = rng.uniform(-0.1, 0.1, 3)
-    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
+    workspace = Workspace.from_mesh(join_boxes(boxes), 0.1, (0, 0, 0, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.2, center), margin=margin)
-    gaps = gaps_of(space, Blocks.balls(center[None], np.array([0.2])), Blocks.boxes(boxes))
+    gaps = make_gaps(space, Blocks.balls(center[None], np.array([0.2])), Blocks.boxes(boxes))
     q0 = draw_near_mixed(space, rng, 200, share=0.75)
     check_points(space, q0, gaps(q0))
     check_edges(space, q0[:40], q0[:40] + rng.normal(0.0, 0.3, (40, 3)), gaps)
@@ -142,7 +142,7 @@ def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
     space = cspace.build(workspace, Robot.from_bitmap(body, side, lower), outside=outside)
     boxes = low + 0.1 * (np.argwhere(world)[:, None] + np.array([[0], [1]]))
     parts = lower + side * (np.argwhere(body)[:, None] + np.array([[0], [1]]))
-    gaps = gaps_of(space, Blocks.boxes(parts), Blocks.boxes(boxes))
+    gaps = make_gaps(space, Blocks.boxes(parts), Blocks.boxes(boxes))
     q0 = draw_near_mixed(space, rng, 150, share=0.75)
     check_points(space, q0, gaps(q0))
     check_edges(space, q0[:20], q0[:20] + rng.normal(0.0, 0.15, (20, 3)), gaps)
@@ -151,7 +151,7 @@ def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
 # ---- meshes, against manifold3d --------------------------------------------------------------------------------------
 
 
-def manifold_of(mesh):
+def to_manifold(mesh):
     return manifold3d.Manifold(
         manifold3d.Mesh(np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32))
     )
@@ -162,7 +162,7 @@ def round_to_single(mesh):
     return trimesh.Trimesh(np.round(mesh.vertices * 1024) / 1024, mesh.faces, process=False)
 
 
-def blob(rng, size):
+def draw_blob(rng, size):
     """Draw a dented ball or a torus."""
     if rng.random() < 0.5:
         mesh = trimesh.creation.icosphere(2 if size > 0.5 else 1, size)
@@ -177,7 +177,7 @@ def blob(rng, size):
 @given(seeds, st.sampled_from([0.0, 0.0625]))
 def test_meshes_agree_with_manifold3d(seed, margin):
     rng = np.random.default_rng(seed)
-    obstacle, body = blob(rng, 0.7), blob(rng, 0.3)
+    obstacle, body = draw_blob(rng, 0.7), draw_blob(rng, 0.3)
     space = cspace.build(
         Workspace.from_mesh(obstacle, 0.1, (-1.2, -1.2, -1.2, 1.2, 1.2, 1.2)),
         Robot.from_mesh(body),
@@ -185,7 +185,7 @@ def test_meshes_agree_with_manifold3d(seed, margin):
         margin=margin,
         inner=bool(rng.integers(2)),
     )
-    fixed, moved = manifold_of(obstacle), manifold_of(body)
+    fixed, moved = to_manifold(obstacle), to_manifold(body)
 
     def gaps(q):
         # min_gap is zero if the meshes meet, and at most the search length, half a metre.
@@ -209,10 +209,10 @@ def test_box_meshes_agree_with_boxes():
     rng = np.random.default_rng(3)
     low = rng.uniform(0.1, 1.6, (6, 3))
     boxes = np.stack([low, low + 0.25], axis=1)
-    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
+    workspace = Workspace.from_mesh(join_boxes(boxes), 0.1, (0, 0, 0, 2, 2, 2))
     robot = (np.array([-0.1, -0.2, -0.05]), np.array([0.2, 0.1, 0.15]))
     space = cspace.build(workspace, Robot.from_mesh(trimesh.creation.box(bounds=robot)))
-    gaps = gaps_of(space, Blocks.boxes(robot), Blocks.boxes(boxes))
+    gaps = make_gaps(space, Blocks.boxes(robot), Blocks.boxes(boxes))
     q0 = draw_near_mixed(space, rng, 200, share=0.75)
     check_points(space, q0, gaps(q0))
     free = check_edges(space, q0[:60], q0[:60] + rng.normal(0.0, 0.2, (60, 3)), gaps)
@@ -224,11 +224,11 @@ def test_box_meshes_agree_with_boxes():
 # ---- cases solved by hand --------------------------------------------------------------------------------------------
 
 
-def corridor(share, side=0.6):
+def make_corridor(share, side=0.6):
     """Build a corridor along x, ``share`` robots wide."""
     half = side * share / 2
     blocks = [[[2, 0, 0], [4, 2 - half, 4]], [[2, 2 + half, 0], [4, 4, 4]]]
-    return Workspace.from_mesh(boxes_mesh(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4))
+    return Workspace.from_mesh(join_boxes(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4))
 
 
 BODIES = {
@@ -241,7 +241,7 @@ BODIES = {
 
 @pytest.mark.parametrize("body", BODIES)
 def test_only_exact_queries_pass_a_barely_wider_corridor(body):
-    wide, narrow = (cspace.build(corridor(share), BODIES[body]) for share in (1.02, 0.98))
+    wide, narrow = (cspace.build(make_corridor(share), BODIES[body]) for share in (1.02, 0.98))
     edge = [1.0, 2.0, 2.0], [5.0, 2.0, 2.0]
     assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
     assert wide.is_free([3.0, 2.0, 2.0], exact=True) and not wide.is_free([3.0, 2.0, 2.0])
@@ -253,7 +253,7 @@ def test_only_exact_queries_pass_a_barely_wider_corridor(body):
 @pytest.mark.parametrize("share", [1.0, 1.0 + 1e-13])
 @pytest.mark.parametrize("body", BODIES)
 def test_corridor_as_wide_as_the_robot_is_blocked(body, share):
-    space = cspace.build(corridor(share), BODIES[body])
+    space = cspace.build(make_corridor(share), BODIES[body])
     assert not space.motion_is_free([1.0, 2.0, 2.0], [5.0, 2.0, 2.0], exact=True)
     assert not space.is_free([3.0, 2.0, 2.0], exact=True)
 
@@ -350,7 +350,7 @@ def test_obstacles_are_clipped_to_the_bounds(outside):
 @pytest.mark.parametrize("low", [-1e-310, -5e-324, 1e-310])
 def test_denormal_bounds_clip_like_zero(low):
     boxes = np.array([[[-0.5, -0.5, 0.2], [0.4, 0.7, 0.9]], [[0.6, -1.0, -1.0], [0.9, 0.5, 0.3]]])
-    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, low, 0, 2, 2, 2))
+    workspace = Workspace.from_mesh(join_boxes(boxes), 0.1, (0, low, 0, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.004), outside="free", inner=False)
     rng = np.random.default_rng(0)
     q = rng.uniform(0, 1, (3000, 3)) * rng.choice([1.0, 0.03, 1e-9], (3000, 3))
@@ -364,7 +364,7 @@ def test_denormal_bounds_clip_like_zero(low):
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize("body", BODIES)
 def test_far_configurations_are_decided(body, outside):
-    space = cspace.build(corridor(1.02), BODIES[body], outside=outside)
+    space = cspace.build(make_corridor(1.02), BODIES[body], outside=outside)
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
         assert not space.motion_is_free([1.0, 2.0, 2.0], [far, -far, 1.0], exact=True) or outside == "free"
@@ -376,7 +376,7 @@ def test_results_do_not_depend_on_the_unit_of_length(size):
     blocks = np.array([[[2, 0, 0], [4, 2, 4]], [[2, 2, 0], [4, 4, 4]]]) * size
     blocks[0, 1, 1] -= half
     blocks[1, 0, 1] += half
-    mesh = Mesh(boxes_mesh(blocks / size).vertices * size, boxes_mesh(blocks / size).faces)
+    mesh = Mesh(join_boxes(blocks / size).vertices * size, join_boxes(blocks / size).faces)
     workspace = Workspace.from_mesh(mesh, 0.2 * size, np.array([0, 0, 0, 6, 4, 4]) * size)
     for robot in (Robot.box(np.array([0.9, 0.6, 0.5]) * size), Robot.ball(0.3 * size)):
         space = cspace.build(workspace, robot)
@@ -397,9 +397,9 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
     low = rng.uniform(0.2, 1.6, (5, 3))
     boxes = np.stack([low, low + 0.2], axis=1)
     mesh = trimesh.creation.box(bounds=[[-0.1, -0.05, -0.1], [0.5, 0.1, 0.1]])
-    workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.2, (0, 0, 0, 2, 2, 2))
+    workspace = Workspace.from_mesh(join_boxes(boxes), 0.2, (0, 0, 0, 2, 2, 2))
     space = cspace.build(workspace, Robot.from_mesh(mesh), rotations=TURNS[turns], outside=outside)
-    moved, still = (surface(part.vertices, part.faces) for part in (mesh, boxes_mesh(boxes)))
+    moved, still = (surface(part.vertices, part.faces) for part in (mesh, join_boxes(boxes)))
 
     corners = np.array(mesh.vertices)
 

@@ -113,7 +113,7 @@ def triangle_pairs(draw):
     return first + shift, second + shift
 
 
-def pieces(triangles, radius=0.0):
+def to_pieces(triangles, radius=0.0):
     return Pieces(np.asarray(triangles, dtype=float), np.full(len(triangles), radius))
 
 
@@ -151,7 +151,7 @@ class Pair:
 def test_distances_are_never_too_large_and_at_most_slightly_too_small(pair):
     square = squared_triangle_distance(*pair)
     size = np.linalg.norm(np.ptp(np.concatenate(pair), axis=0))
-    distance = Pair(*(pieces(part[None]) for part in pair)).distance()
+    distance = Pair(*(to_pieces(part[None]) for part in pair)).distance()
     proven = Fraction(max(distance, 0.0)) - Fraction(ERROR * size)
     assert proven <= 0 or proven**2 <= square
     assert distance > float(square) ** 0.5 - 1e-7 * size or (distance < 0.0 and float(square) ** 0.5 < 1e-7 * size)
@@ -177,7 +177,7 @@ def test_touching_triangles_have_no_distance(scale, beside):
     for other in touching:
         pair = [part + beside for part in (face, scale * np.array(other))]
         for first, second in (pair, pair[::-1]):
-            assert Pair(pieces(first[None]), pieces(second[None])).distance() <= 0.0
+            assert Pair(to_pieces(first[None]), to_pieces(second[None])).distance() <= 0.0
 
 
 @settings(max_examples=60)
@@ -187,7 +187,9 @@ def test_distances_include_pose_and_radius(pair, seed, radius):
     rng = np.random.default_rng(seed)
     turn, position = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-1, 1, 3)
     true = float(squared_triangle_distance(first @ turn.T + position, second)) ** 0.5 - radius
-    distance = Pair(pieces(first[None], 0.75 * radius), pieces(second[None], 0.25 * radius)).distance(position, turn)
+    distance = Pair(to_pieces(first[None], 0.75 * radius), to_pieces(second[None], 0.25 * radius)).distance(
+        position, turn
+    )
     allowed = 1e-11 * np.abs(pair).sum()
     assert distance <= max(true, 0.0) + allowed and (distance > true - 1e-6 or true < 1e-6)
 
@@ -201,7 +203,9 @@ def test_free_fractions_hold_along_the_motion(pair, seed):
     center = first.mean(axis=0)  # the center of rotation
     robot, position = first - center, tuple(center)
     required = 1e-12 * np.abs(pair).sum()  # for rounding
-    proven = Pair(pieces(robot[None]), pieces(second[None])).share(position, STILL, step, angle, required, enough=1.0)
+    proven = Pair(to_pieces(robot[None]), to_pieces(second[None])).share(
+        position, STILL, step, angle, required, enough=1.0
+    )
     for t in max(proven, 0.0) * rng.uniform(-1.0, 1.0, 9):
         turn = Rotation.from_rotvec(t * angle * axis / np.linalg.norm(axis)).as_matrix()
         placed = robot @ turn.T + position + t * step
@@ -211,7 +215,7 @@ def test_free_fractions_hold_along_the_motion(pair, seed):
 def test_motion_along_a_face_is_proven_in_one_step():
     plate = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]]])
     body = np.array([[[-1.0, 0, 1e-6], [1, 0, 1e-6], [0, 0, 1]]])
-    assert Pair(pieces(body), pieces(plate)).share(step=(4.0, 3.0, 0.0), enough=1.0) == 1.0
+    assert Pair(to_pieces(body), to_pieces(plate)).share(step=(4.0, 3.0, 0.0), enough=1.0) == 1.0
 
 
 # ---- trees -----------------------------------------------------------------------------------------------------------
@@ -222,8 +226,8 @@ def test_trees_find_the_smallest_distance():
     body = trimesh.creation.box((0.3, 0.2, 0.1)).triangles
     triangles = rng.uniform(-2, 2, (100, 1, 3)) + rng.normal(0, 0.3, (100, 3, 3))
     radii = rng.choice(np.linspace(0.0, 0.1, 40), 100)
-    every = Pair(pieces(body), Pieces(triangles, radii))
-    singly = [Pair(pieces(body), pieces(part[None], r)) for part, r in zip(triangles, radii, strict=True)]
+    every = Pair(to_pieces(body), Pieces(triangles, radii))
+    singly = [Pair(to_pieces(body), to_pieces(part[None], r)) for part, r in zip(triangles, radii, strict=True)]
     for seed, q in enumerate(rng.uniform(-2, 2, (20, 3)).tolist()):
         turn = Rotation.random(random_state=seed).as_matrix()
         true = min(part.distance(q, turn) for part in singly)
@@ -240,7 +244,7 @@ def test_distances_agree_with_fcl():
     rng = np.random.default_rng(2)
     body = np.array(trimesh.creation.torus(0.4, 0.1, major_sections=24, minor_sections=12).triangles)
     still = np.concatenate([trimesh.creation.icosphere(3, 0.3).triangles + rng.uniform(-2, 2, 3) for _ in range(9)])
-    pair, robot, obstacles = Pair(pieces(body), pieces(still)), model(body), model(still)
+    pair, robot, obstacles = Pair(to_pieces(body), to_pieces(still)), model(body), model(still)
     for seed, q in enumerate(rng.uniform(-2, 2, (60, 3)).tolist()):
         turn = Rotation.random(random_state=seed).as_matrix()
         robot.setTransform(fcl.Transform(turn, q))
@@ -266,7 +270,7 @@ def test_distance_is_right_beside_nearly_parallel_edges() -> None:
     )
     normal = np.cross(moved[1] - moved[0], moved[2] - moved[0])
     true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(normal)  # an upper bound: the corner is over the face
-    assert 0.0 < Pair(pieces(moved[None]), pieces(still[None])).distance() <= true * (1.0 + 1e-12)
+    assert 0.0 < Pair(to_pieces(moved[None]), to_pieces(still[None])).distance() <= true * (1.0 + 1e-12)
 
 
 @kernel

@@ -36,7 +36,7 @@ states = hnp.arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.i
 Surface = tuple[np.ndarray, np.ndarray]
 
 
-def bordered(
+def find_border(
     state: np.ndarray, lower: tuple[float, ...] = (0.0, 0.0, 0.0), spacing: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
     return free_boundary(state, cspace.Grid(lower, spacing, state.shape))
@@ -45,7 +45,7 @@ def bordered(
 # ---- the border of the free space --------------------------------------------------------------------------------
 
 
-def squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]:
+def list_squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]:
     """Return boundary squares by brute force.
 
     Each is twice its center, and its outward normal.
@@ -62,7 +62,7 @@ def squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]
 @given(state=states)
 @settings(max_examples=60)
 def test_the_boundary_of_free_cells_is_closed(state: np.ndarray) -> None:
-    vertices, faces = bordered(state)
+    vertices, faces = find_border(state)
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
     np.testing.assert_array_equal(np.abs(normals).sum(axis=1), 1.0)
@@ -72,7 +72,7 @@ def test_the_boundary_of_free_cells_is_closed(state: np.ndarray) -> None:
         (tuple(center), tuple(normal))
         for center, normal in zip((low + high).astype(int).tolist(), normals.astype(int).tolist(), strict=True)
     )
-    assert sides == Counter({square: 2 * count for square, count in squares(state).items()})
+    assert sides == Counter({square: 2 * count for square, count in list_squares(state).items()})
     # Two triangles of half a square each fill it only if they differ.
     assert len({tuple(sorted(face)) for face in faces.tolist()}) == len(faces)
     assert len(np.unique(vertices, axis=0)) == len(vertices)
@@ -85,7 +85,7 @@ def test_the_boundary_of_free_cells_is_closed(state: np.ndarray) -> None:
 @given(state=states, spacing=st.sampled_from([0.1, 0.37, 2.0]), shift=st.floats(-50.0, 50.0))
 @settings(max_examples=30)
 def test_the_boundary_encloses_the_volume_of_the_free_cells(state: np.ndarray, spacing: float, shift: float) -> None:
-    vertices, faces = bordered(state, (shift, -shift, 0.5), spacing)
+    vertices, faces = find_border(state, (shift, -shift, 0.5), spacing)
     volume = Fraction(0)
     for a, b, c in np.vectorize(Fraction, otypes=[object])(vertices - vertices[0])[faces]:
         volume += sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
@@ -126,7 +126,7 @@ def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str
 
 
 def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path) -> None:
-    vertices, faces = bordered(np.zeros((2, 3, 1), np.uint8), (1e-30, 0.0, 0.0), 1e-30)
+    vertices, faces = find_border(np.zeros((2, 3, 1), np.uint8), (1e-30, 0.0, 0.0), 1e-30)
     with (tmp_path / "free.stl").open("wb") as file:
         WRITERS[".stl"](file, vertices, faces)
     content = (tmp_path / "free.stl").read_bytes()
@@ -135,7 +135,7 @@ def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path
     np.testing.assert_allclose(rows[:, 0], np.cross(edges[:, 0], edges[:, 1]), atol=1e-6)
     np.testing.assert_array_equal(rows[:, 1:], vertices[faces].astype(np.float32))
     for spacing in (1e-60, 1e60):
-        mesh = bordered(np.zeros((2, 2, 2), np.uint8), spacing=spacing)
+        mesh = find_border(np.zeros((2, 2, 2), np.uint8), spacing=spacing)
         with (
             (tmp_path / "free").open("wb") as file,
             pytest.raises(InputError, match=r"in which some coordinates coincide.*write .ply or .obj"),
@@ -145,7 +145,7 @@ def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path
 
 @pytest.mark.parametrize("far", [2.0**22 - 6, -(2.0**22) + 6, 1e5])
 def test_an_stl_far_from_the_origin_is_closed(far: float) -> None:
-    vertices, faces = bordered(np.zeros((5, 4, 3), np.uint8), (far * 0.1, 0.0, -far * 0.1), 0.1)
+    vertices, faces = find_border(np.zeros((5, 4, 3), np.uint8), (far * 0.1, 0.0, -far * 0.1), 0.1)
     single = vertices.astype(np.float32)
     assert len(np.unique(single, axis=0)) == len(vertices)
     assert trimesh.Trimesh(single.astype(float), faces, process=False).is_watertight
@@ -168,14 +168,14 @@ def test_block_size_does_not_matter_and_too_many_triangles_are_refused(
     assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
 
 
-def full() -> cspace.CSpace:
+def build_full_map() -> cspace.CSpace:
     """Build a map without FREE cells."""
     return cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
 
 
 @refusals(
     "make, suffix, rotation, message",
-    (full, ".stl", None, "the map has no FREE cell; a boundary needs at least one; build it with"),
+    (build_full_map, ".stl", None, "the map has no FREE cell; a boundary needs at least one; build it with"),
     (MAP_BUILDERS["plane"], ".ply", None, "a boundary is a mesh in space"),
     (MAP_BUILDERS["solid"], ".stl", 0.5, "rotation has shape .*the robot does not turn"),
     (MAP_BUILDERS["solid"], ".yaml", None, "a ROS map is plane"),
@@ -311,7 +311,7 @@ def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str)
 # ---- GeoTIFF and netCDF, as GDAL reads them --------------------------------------------------------------------------
 
 
-def of_cells(space: cspace.CSpace) -> Any:
+def list_centers(space: cspace.CSpace) -> Any:
     """Return cell centers (ny, nx, 2) from the top down."""
     x, y = (space.grid.centers(axis) for axis in range(2))
     return np.stack(np.meshgrid(x, y[::-1]), axis=-1)
@@ -322,7 +322,7 @@ def test_a_geotiff_places_every_cell(tmp_path: Path, name: str, rotation: float 
     space = MAP_BUILDERS[name]()
     space.export(tmp_path / "map.tif", rotation=rotation)
     image = rioxarray.open_rasterio(tmp_path / "map.tif")
-    centers = of_cells(space)
+    centers = list_centers(space)
     np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), centers, atol=1e-9)
     np.testing.assert_allclose(image.rio.bounds(), (*space.grid.lower, *space.grid.upper), atol=1e-9)
     q = centers if rotation is None else np.concatenate([centers, np.full((*centers.shape[:2], 1), rotation)], axis=-1)
@@ -340,7 +340,7 @@ def test_netcdf_places_a_plane_map(tmp_path: Path, name: str) -> None:
     space.export(tmp_path / "map.nc")
     opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="cell_states")
     image = opened[0] if isinstance(opened, list) else opened
-    np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), of_cells(space), atol=1e-9)
+    np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), list_centers(space), atol=1e-9)
     expected = (
         [space.cell_states] if name == "plane" else [space.states_at(yaw) for yaw in space.rotations.centers[:, 0]]
     )

@@ -36,7 +36,7 @@ ENOUGH = 2**23
 
 
 @contextmanager
-def little(memory: int = ENOUGH, seconds: int = 20) -> Iterator[None]:
+def limit_usage(memory: int = ENOUGH, seconds: int = 20) -> Iterator[None]:
     """Fail if a block takes more bytes or seconds."""
 
     def late(*about: object) -> None:
@@ -53,15 +53,15 @@ def little(memory: int = ENOUGH, seconds: int = 20) -> Iterator[None]:
         signal.alarm(0)
 
 
-def refused(open_it: Callable[[], object], message: str) -> None:
+def check_refused(open_it: Callable[[], object], message: str) -> None:
     """Fail unless a call is refused quickly in one line."""
     zarr.create_array({}, shape=1, dtype="bool")  # do not count imports of the first call
-    with little(), pytest.raises(CspaceError, match=message) as caught:
+    with limit_usage(), pytest.raises(CspaceError, match=message) as caught:
         open_it()
     assert "\n" not in str(caught.value)
 
 
-def cells_of(path: Path) -> Any:
+def make_cells(path: Path) -> Any:
     return Workspace.from_array(path, 0.1).outer
 
 
@@ -78,7 +78,7 @@ def space() -> cspace.CSpace:
     return cspace.build(Workspace.from_array(np.eye(30, dtype=bool), 0.1), cspace.Robot.disc(0.2))
 
 
-def change(file: Path, **values: Any) -> None:
+def change_json(file: Path, **values: Any) -> None:
     """Change values of a JSON file."""
     file.write_text(json.dumps(json.loads(file.read_text()) | values))
 
@@ -114,7 +114,7 @@ def test_zstd_frames_without_a_size_are_read(array: Path, monkeypatch: pytest.Mo
     # 100 zeros as one block of repeated bytes, in a frame that declares a window and no size.
     (array / "c/0/0").write_bytes(b"\x28\xb5\x2f\xfd\x00\x00" + struct.pack("<I", 1 | 1 << 1 | 100 << 3)[:3] + b"\1")
     assert bytes(frame[:4]) == b"\x28\xb5\x2f\xfd"
-    assert cells_of(array).all()
+    assert make_cells(array).all()
 
 
 def test_a_pickled_array_is_found_from_another_folder(array: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,7 +142,7 @@ def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(tmp_path: Path, 
     path, (compressor, encode) = tmp_path / "cells.zarr", ENCODERS[codec]
     zarr.create_array(str(path), data=np.ones((10, 10), bool), chunks=(10, 10), compressors=compressor)
     (path / "c/0/0").write_bytes(encode(bytes(size)))
-    refused(lambda: cells_of(path), "unpacks to")
+    check_refused(lambda: make_cells(path), "unpacks to")
 
 
 @pytest.mark.parametrize("size", [99, 101, HUGE])
@@ -150,7 +150,7 @@ def test_zstd_frames_without_a_size_unpack_to_the_size_of_the_array(array: Path,
     blocks = [min(2**17, size - start) for start in range(0, size, 2**17)]
     headers = [struct.pack("<I", (start == len(blocks) - 1) | 1 << 1 | n << 3)[:3] for start, n in enumerate(blocks)]
     (array / "c/0/0").write_bytes(b"\x28\xb5\x2f\xfd\x00\x58" + b"".join(header + b"\1" for header in headers))
-    refused(lambda: cells_of(array), "cannot be read as a Zarr array")
+    check_refused(lambda: make_cells(array), "cannot be read as a Zarr array")
 
 
 def test_a_blosc_chunk_that_declares_more_bytes_than_there_are_is_refused(tmp_path: Path) -> None:
@@ -159,20 +159,20 @@ def test_a_blosc_chunk_that_declares_more_bytes_than_there_are_is_refused(tmp_pa
     content = bytearray((path / "c/0/0").read_bytes())
     content[12:16] = struct.pack("<I", 2**30)
     (path / "c/0/0").write_bytes(content)
-    refused(lambda: cells_of(path), "declares 1073741824")
+    check_refused(lambda: make_cells(path), "declares 1073741824")
 
 
 @pytest.mark.parametrize("content", [b"", b"\0", b"no such thing", Zstd().encode(bytes(100))[:-1]])
 def test_a_damaged_chunk_is_refused(array: Path, content: bytes) -> None:
     (array / "c/1/0").write_bytes(content)
-    refused(lambda: cells_of(array), r"cells\.zarr: ")
+    check_refused(lambda: make_cells(array), r"cells\.zarr: ")
     with pytest.raises(FileError, match=r"cannot be read|missing or damaged"):
         _ = Workspace.from_array(zarr.open_array(str(array), mode="r"), 0.1).outer
 
 
 def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
     (array / "c/1/0").unlink()
-    refused(lambda: cells_of(array), "lacks its chunk c/1/0")
+    check_refused(lambda: make_cells(array), "lacks its chunk c/1/0")
     opened = zarr.open_array(str(array), mode="r+")
     with pytest.raises(FileError, match="lacks 1 of 4 chunks"):
         Workspace.from_array(opened, 0.1)
@@ -200,14 +200,14 @@ def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
     ({"codecs": []}, "cannot be read"),
 )
 def test_metadata_of_other_arrays_are_refused(array: Path, values: dict[str, Any], message: str) -> None:
-    change(array / "zarr.json", **values)
-    refused(lambda: cells_of(array), message)
+    change_json(array / "zarr.json", **values)
+    check_refused(lambda: make_cells(array), message)
 
 
 def test_chunks_of_the_maximum_size_are_accepted(array: Path) -> None:
     side = int(MAX_CHUNK_BYTES**0.5)
-    change(array / "zarr.json", chunk_grid={"name": "regular", "configuration": {"chunk_shape": [side, side]}})
-    refused(lambda: cells_of(array), "unpacks to 100 bytes but 268435456 are needed")
+    change_json(array / "zarr.json", chunk_grid={"name": "regular", "configuration": {"chunk_shape": [side, side]}})
+    check_refused(lambda: make_cells(array), "unpacks to 100 bytes but 268435456 are needed")
 
 
 @pytest.mark.parametrize("link", [False, True], ids=["pipe", "device"])
@@ -220,13 +220,13 @@ def test_pipes_and_devices_in_a_folder_are_refused(
     file = path / name.partition("/")[2]
     file.unlink()
     file.symlink_to("/dev/zero") if link else os.mkfifo(file)
-    refused(lambda: cells_of(path) if path == array else cspace.open(path), "a device, a pipe or a socket")
+    check_refused(lambda: make_cells(path) if path == array else cspace.open(path), "a device, a pipe or a socket")
 
 
 @pytest.mark.parametrize("link", [False, True], ids=["pipe", "device"])
 @pytest.mark.parametrize("name", ["zarr.json", "slice_of/c/0", "record/c/0/0/0", "cell_states/c/0/0/0"])
 def test_pipes_and_devices_in_a_store_of_tiles_are_refused(tmp_path: Path, name: str, link: bool) -> None:
-    tiled = built_in_tiles(tmp_path)
+    tiled = build_in_tiles(tmp_path)
     (tmp_path / "m" / name).unlink()
     (tmp_path / "m" / name).symlink_to("/dev/zero") if link else os.mkfifo(tmp_path / "m" / name)
     q, _ = [0.5, 2.5], tiled
@@ -234,10 +234,10 @@ def test_pipes_and_devices_in_a_store_of_tiles_are_refused(tmp_path: Path, name:
     def look_up() -> None:
         cspace.open(tmp_path / "m").is_free(q)
 
-    refused(look_up, "a device, a pipe or a socket|slice_of")
+    check_refused(look_up, "a device, a pipe or a socket|slice_of")
 
 
-def built_in_tiles(folder: Path) -> cspace.TiledCSpace:
+def build_in_tiles(folder: Path) -> cspace.TiledCSpace:
     workspace = Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     return cspace.build(workspace, cspace.Robot.disc(0.2), store=folder / "m", tile=30)
 
@@ -246,12 +246,12 @@ def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(tmp_path
     path = tmp_path / "map"
     space.save(path)
     soak.forge_store(path, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
-    refused(lambda: cspace.open(path), "unpacks to 67108864 bytes but 900 are needed")
+    check_refused(lambda: cspace.open(path), "unpacks to 67108864 bytes but 900 are needed")
 
 
 @pytest.mark.parametrize("name", ["record/c/0/0/0", "cell_states/c/0/0/0", "outer/c/0/0"])
 def test_a_forged_chunk_of_a_store_of_tiles_is_refused_before_it_is_unpacked(tmp_path: Path, name: str) -> None:
-    tiled = built_in_tiles(tmp_path)
+    tiled = build_in_tiles(tmp_path)
     (tmp_path / "m" / name).write_bytes(Zstd(1).encode(bytes(HUGE)))
 
     def look_up() -> None:
@@ -259,7 +259,7 @@ def test_a_forged_chunk_of_a_store_of_tiles_is_refused_before_it_is_unpacked(tmp
         opened.is_free([0.5, 2.5])
         opened.window(tiled.grid.lower, tiled.grid.upper)
 
-    refused(look_up, "unpacks to 67108864 bytes|differs from its digest")
+    check_refused(look_up, "unpacks to 67108864 bytes|differs from its digest")
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../outside", "x/../../outside"])
@@ -269,19 +269,19 @@ def test_a_saved_map_reads_no_file_outside_its_folder(tmp_path: Path, space: csp
     root = json.loads((path / "zarr.json").read_text())["attributes"]
     digests = dict(entry.rsplit(":", 1) for entry in root["digests"].split()) | {name: "0"}
     (path / "zarr.json").write_bytes(store.root_text(store.seal(root, digests)))
-    refused(lambda: cspace.open(path, in_memory=False), "names a file|which no map does")
+    check_refused(lambda: cspace.open(path, in_memory=False), "names a file|which no map does")
 
 
 @pytest.mark.parametrize("content", [b"{", b"", b'{"shape": [1, 1, 1000000000000]}', b"[" * 10**5])
 def test_damaged_descriptions_of_labels_are_ignored(tmp_path: Path, content: bytes) -> None:
-    built_in_tiles(tmp_path).compute_components()
+    build_in_tiles(tmp_path).compute_components()
     (tmp_path / "m/labels_0/zarr.json").write_bytes(content)
     assert cspace.open(tmp_path / "m").is_connected([0.5, 2.5], [0.6, 2.5])
 
 
 @pytest.mark.parametrize("content", [b"{", b"", b"[]", b"[" * 10**5, b"\xff"])
 def test_a_folder_with_damaged_metadata_is_refused(tmp_path: Path, content: bytes) -> None:
-    built_in_tiles(tmp_path)
+    build_in_tiles(tmp_path)
     (tmp_path / "m/zarr.json").write_bytes(content)
-    refused(lambda: cspace.open(tmp_path / "m"), "usable map")
+    check_refused(lambda: cspace.open(tmp_path / "m"), "usable map")
     shutil.rmtree(tmp_path / "m")

@@ -63,7 +63,7 @@ def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dic
         path.write_bytes(content)
 
 
-def refused(path: Path, message: str, **options: Any) -> None:
+def check_refused(path: Path, message: str, **options: Any) -> None:
     """Fail unless a file is refused quickly in one line."""
     start = time.process_time()
     with pytest.raises(CspaceError, match=message) as caught:
@@ -72,7 +72,7 @@ def refused(path: Path, message: str, **options: Any) -> None:
     assert time.process_time() - start < 5.0
 
 
-def ros_map(tmp_path: Path, **changes: str) -> Path:
+def write_ros_map(tmp_path: Path, **changes: str) -> Path:
     Image.fromarray(np.zeros((2, 3), np.uint8)).save(tmp_path / "map.png")
     keys = {"image": "map.png", "resolution": "0.05", "origin": "[0, 0, 0]", "negate": "0"}
     keys |= {"occupied_thresh": "0.65", "free_thresh": "0.2"} | changes
@@ -98,7 +98,7 @@ def ros_map(tmp_path: Path, **changes: str) -> Path:
     ({"resolution": "yes"}, "resolution is True"),
 )
 def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], message: str) -> None:
-    refused(ros_map(tmp_path, **changes), message)
+    check_refused(write_ros_map(tmp_path, **changes), message)
 
 
 # YAML escapes characters beyond these otherwise, and a key of it has at most 1,024 characters, escapes included.
@@ -133,7 +133,7 @@ def test_xml_is_refused_by_its_entities_and_its_depth() -> None:
 
 
 def test_yaml_that_is_plain_is_read(tmp_path: Path) -> None:
-    path = ros_map(tmp_path, resolution="5e-2", origin='[1, -2., "0"]', negate="no", mode="'trinary'  # quoted")
+    path = write_ros_map(tmp_path, resolution="5e-2", origin='[1, -2., "0"]', negate="no", mode="'trinary'  # quoted")
     assert Workspace.open(path).grid == cspace.Grid((1.0, -2.0), 0.05, (3, 2))
 
 
@@ -157,13 +157,13 @@ def test_deep_nesting_is_refused_before_recursion(
     tmp_path: Path, name: str, opening: str, middle: str, closing: str, levels: int
 ) -> None:
     (tmp_path / name).write_text(opening * levels + middle + closing * levels)
-    refused(tmp_path / name, "nested brackets", spacing=0.1)
+    check_refused(tmp_path / name, "nested brackets", spacing=0.1)
 
 
 # ---- sizes -------------------------------------------------------------------------------------------------------
 
 
-def chain(depths: int) -> bytes:
+def make_chain(depths: int) -> bytes:
     return struct.pack("<fB", 0.0, 1) * depths
 
 
@@ -215,7 +215,7 @@ def test_oversized_declarations_are_refused_with_figures(
     path = tmp_path / name
     path.touch()
     write(path)
-    refused(path, message, **({} if name.endswith("bt") else {"spacing": 0.1}))
+    check_refused(path, message, **({} if name.endswith("bt") else {"spacing": 0.1}))
 
 
 def test_a_picture_of_too_many_pixels_is_refused_before_it_is_read(tmp_path: Path) -> None:
@@ -226,18 +226,18 @@ def test_a_picture_of_too_many_pixels_is_refused_before_it_is_read(tmp_path: Pat
 
     content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
     (tmp_path / "a.png").write_bytes(content)
-    refused(tmp_path / "a.png", r"40000 x 40000 cells, 1.6e\+09 in all", spacing=0.1)
+    check_refused(tmp_path / "a.png", r"40000 x 40000 cells, 1.6e\+09 in all", spacing=0.1)
 
 
 def test_limits_can_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.3dmap").write_text("voxel 9 9 9\n")
     with raised_limits(max_cells=100):
-        refused(tmp_path / "a.3dmap", r"raised_limits\(max_cells=729\)")
+        check_refused(tmp_path / "a.3dmap", r"raised_limits\(max_cells=729\)")
         with raised_limits(max_cells=729):
             assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 500)
     (tmp_path / "a.3dmap").write_text("voxel 99 99 99\n")
-    refused(tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be used")
+    check_refused(tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be used")
 
 
 @refusals(
@@ -251,7 +251,7 @@ def test_points_are_limited_by_their_memory_as_objects(
     """Use points of 4 bytes of text each."""
     (tmp_path / name).write_text(content)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**6)
-    refused(tmp_path / name, message, spacing=0.1)
+    check_refused(tmp_path / name, message, spacing=0.1)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**7)
     assert Workspace.open(tmp_path / name, spacing=0.1, bounds=(0, 0, 2, 2)).grid.shape == (20, 20)
 
@@ -271,7 +271,7 @@ def test_long_runs_are_read_in_linear_time(families: dict[str, Path], name: str,
 
 def test_blanks_before_a_bracket_are_read_in_linear_time(tmp_path: Path) -> None:
     (tmp_path / "a.wkt").write_text(f"POINT{' ' * 300_000}1")
-    refused(tmp_path / "a.wkt", "begins with", spacing=0.1)
+    check_refused(tmp_path / "a.wkt", "begins with", spacing=0.1)
 
 
 def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path]) -> None:
@@ -293,16 +293,16 @@ def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path])
     ):
         (tmp_path / name).write_text(content)
         with raised_limits(max_bytes=2**21):
-            refused(tmp_path / name, message, spacing=0.1)
+            check_refused(tmp_path / name, message, spacing=0.1)
     (tmp_path / "a.dae").write_text(nodes(2, 3))
     assert len(Mesh.of(tmp_path / "a.dae").faces) == 9 * 12
     for children, message in ((False, "unfolds to"), (True, "more than 256 nested nodes")):
-        (tmp_path / "a.glb").write_bytes(glb_of_places(3_000, children))
+        (tmp_path / "a.glb").write_bytes(write_glb(3_000, children))
         with raised_limits(max_bytes=2**21):
-            refused(tmp_path / "a.glb", message, spacing=0.1)
+            check_refused(tmp_path / "a.glb", message, spacing=0.1)
 
 
-def glb_of_places(number: int, children: bool) -> bytes:
+def write_glb(number: int, children: bool) -> bytes:
     """Place one triangle many times."""
     nodes = [{"mesh": 0, **({"children": [i + 1]} if children and i + 1 < number else {})} for i in range(number)]
     view = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
@@ -326,13 +326,13 @@ def test_a_face_of_many_corners_takes_linear_time(tmp_path: Path) -> None:
     rings = [np.stack([(turn + wide) * np.cos(turn), (turn + wide) * np.sin(turn)], axis=1) for wide in (1.0, 2.0)]
     lines = [f"v {x} {y} 0" for x, y in [*rings[0].tolist(), *rings[1][::-1].tolist()]]
     (tmp_path / "a.obj").write_text("\n".join([*lines, "f " + " ".join(map(str, range(1, len(lines) + 1)))]))
-    refused(tmp_path / "a.obj", "bends or crosses itself", spacing=0.1)
+    check_refused(tmp_path / "a.obj", "bends or crosses itself", spacing=0.1)
 
 
 SQUARE = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"]
 
 
-def polygon_in(path: Path, vertices: list[str], corners: list[int]) -> Path:
+def write_polygon(path: Path, vertices: list[str], corners: list[int]) -> Path:
     """Write a file of one face."""
     face, count = " ".join(map(str, corners)), len(vertices)
     head = "".join(f"property float {axis}\n" for axis in "xyz")
@@ -349,7 +349,7 @@ def polygon_in(path: Path, vertices: list[str], corners: list[int]) -> Path:
 @pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
 def test_a_face_of_coincident_corners_takes_linear_memory(tmp_path: Path, name: str) -> None:
     count = 5_000  # of which the square is 200 MB
-    path = polygon_in(tmp_path / name, ["0 0 0"] * count, [*range(count)])
+    path = write_polygon(tmp_path / name, ["0 0 0"] * count, [*range(count)])
     Mesh.of(path, "surface")
     tracemalloc.start()
     mesh = Mesh.of(path, "surface")
@@ -362,23 +362,23 @@ def test_a_face_of_coincident_corners_takes_linear_memory(tmp_path: Path, name: 
 @pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
 @pytest.mark.parametrize("corners", [[0] * 60_000, [0, 1, 2, 3] * 15_000], ids=["one corner", "many rounds"])
 def test_a_face_that_repeats_few_vertices_is_refused(tmp_path: Path, name: str, corners: list[int]) -> None:
-    refused(polygon_in(tmp_path / name, SQUARE, corners), "repeat only", spacing=0.1)
+    check_refused(write_polygon(tmp_path / name, SQUARE, corners), "repeat only", spacing=0.1)
 
 
 def test_fans_of_a_file_take_linear_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.files.polygons.MIN_WORK", 0)
     vertices = [*SQUARE * 400, *SQUARE[::-1] * 200]
-    polygon_in(tmp_path / "a.obj", vertices, [*range(len(vertices))])
+    write_polygon(tmp_path / "a.obj", vertices, [*range(len(vertices))])
     visited: list[int] = []
     cross = np.cross
     monkeypatch.setattr(np, "cross", lambda a, b: visited.append(a.size) or cross(a, b))
-    refused(tmp_path / "a.obj", "none of the tried corners sees it whole", spacing=0.1)
+    check_refused(tmp_path / "a.obj", "none of the tried corners sees it whole", spacing=0.1)
     assert len(visited) < 20
 
 
 def test_a_mesh_too_small_for_floats_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1e-310 0 0\nv 0 1e-310 0\nf 1 3 2\n")
-    refused(tmp_path / "a.obj", "reach 1e-310; they must reach 1e-100", spacing=0.1)
+    check_refused(tmp_path / "a.obj", "reach 1e-310; they must reach 1e-100", spacing=0.1)
     faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     made, exact = (
         Workspace.from_mesh(([[0, 0, 0], [1, tiny, 0], [0, 1, tiny], [tiny, 0, 1]], faces), 0.1)
@@ -389,9 +389,9 @@ def test_a_mesh_too_small_for_floats_is_refused(tmp_path: Path) -> None:
 
 def test_an_octomap_without_its_data_line_is_refused_quickly(tmp_path: Path) -> None:
     (tmp_path / "a.ot").write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000)
-    refused(tmp_path / "a.ot", "no line 'data'")
+    check_refused(tmp_path / "a.ot", "no line 'data'")
     (tmp_path / "a.pcd").write_bytes(b"VERSION .7\n" + b"\n" * 5_000_000)
-    refused(tmp_path / "a.pcd", "header", spacing=0.1)
+    check_refused(tmp_path / "a.pcd", "header", spacing=0.1)
 
 
 # ---- what starts, follows or loads something ---------------------------------------------------------------------
@@ -403,12 +403,12 @@ def test_an_octomap_without_its_data_line_is_refused_quickly(tmp_path: Path) -> 
 def test_images_are_recognised_by_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
     monkeypatch.setattr("subprocess.Popen", None)
     (tmp_path / "a.png").write_bytes(content + bytes(99))
-    refused(tmp_path / "a.png", "cannot be read as an image", spacing=0.1)
+    check_refused(tmp_path / "a.png", "cannot be read as an image", spacing=0.1)
 
 
 def test_a_link_out_of_the_folder_warns(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
-    path = ros_map(tmp_path / "inner")
+    path = write_ros_map(tmp_path / "inner")
     (tmp_path / "inner" / "map.png").rename(tmp_path / "map.png")
     (tmp_path / "inner" / "map.png").symlink_to(tmp_path / "map.png")
     with pytest.warns(UserWarning, match="lies outside the folder"):
@@ -429,7 +429,7 @@ def test_gltf_reads_no_file_outside_its_folder(tmp_path: Path, uri: str) -> None
         "buffers": [{"byteLength": 36, "uri": uri}],
     }
     (tmp_path / "inner" / "a.gltf").write_text(json.dumps(header))
-    refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
+    check_refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
 
 
 def test_codecs_are_never_imported_by_name(tmp_path: Path, families: dict[str, Path]) -> None:
@@ -493,7 +493,7 @@ def test_deeply_nested_elements_are_refused(families: dict[str, Path], tmp_path:
 def test_arrays_in_memory_keep_to_the_limit_of_cells(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((20, 20), dtype=bool))
     with raised_limits(max_cells=399):
-        refused(tmp_path / "a.npy", "20 x 20 cells, 400 in all; at most 399", spacing=0.1)
+        check_refused(tmp_path / "a.npy", "20 x 20 cells, 400 in all; at most 399", spacing=0.1)
         assert Workspace.open(tmp_path / "a.npy", spacing=0.1, lazy=True).grid.size == 400
 
 
@@ -501,11 +501,11 @@ def test_a_link_out_of_the_folder_of_a_gltf_is_refused(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
     (tmp_path / "secret.bin").write_bytes(bytes(36))
     (tmp_path / "inner" / "a.bin").symlink_to(tmp_path / "secret.bin")
-    content = glb_of_places(1, False)
+    content = write_glb(1, False)
     header = json.loads(content[20 : 20 + struct.unpack("<I", content[12:16])[0]])
     header["buffers"][0]["uri"] = "a.bin"
     (tmp_path / "inner" / "a.gltf").write_text(json.dumps(header))
-    refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
+    check_refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
 
 
 def test_invalid_file_names_are_refused() -> None:

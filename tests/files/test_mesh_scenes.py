@@ -15,7 +15,7 @@ from tests.refusals import refusals
 # glTF
 
 
-def gltf(edit=lambda header, add: None, glb=True):
+def write_gltf(edit=lambda header, add: None, glb=True):
     """Write a glTF file of a box.
 
     `edit` gets its header and a function that adds an array and returns its view.
@@ -70,7 +70,7 @@ def add_part(header, add, mode, corners, points=None):
 
 @pytest.mark.parametrize(("name", "glb"), [("box.glb", True), ("box.gltf", False)])
 def test_a_gltf_box_is_read(tmp_path, name, glb):
-    check_boxes(read(tmp_path, name, gltf(glb=glb)))
+    check_boxes(read(tmp_path, name, write_gltf(glb=glb)))
 
 
 def substitute(header, add):
@@ -104,7 +104,7 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
         ]
         header["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]
 
-    mesh = read(tmp_path, "nodes.glb", gltf(edit))
+    mesh = read(tmp_path, "nodes.glb", write_gltf(edit))
     assert len(mesh.faces) == 36
     turned = (CORNERS * [-1, 1, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [0, 0, 50]
     positions = [CORNERS, CORNERS + FAR + [0, 5, 0], turned]
@@ -153,17 +153,17 @@ def grow(header, **changes):
     (lambda h, add: h["asset"].update(version="1.0"), "1.0"),
 )
 def test_unsupported_features_of_gltf_are_refused(tmp_path, edit, message):
-    check_refused(tmp_path, "odd.glb", gltf(edit), message)
-    check_refused(tmp_path, "odd.gltf", gltf(edit, glb=False), message)
+    check_refused(tmp_path, "odd.glb", write_gltf(edit), message)
+    check_refused(tmp_path, "odd.gltf", write_gltf(edit, glb=False), message)
 
 
 # COLLADA
 
 
-def collada(primitives=None, nodes='<instance_geometry url="#box"/>', unit="", body=""):
+def make_collada(primitives=None, nodes='<instance_geometry url="#box"/>', unit="", body=""):
     """Return a COLLADA file of a box."""
     quads = " ".join(f"{corner} 0" for corner in QUADS.reshape(-1))
-    primitives = primitives or polylist(6, "4 " * 6, quads)
+    primitives = primitives or make_polylist(6, "4 " * 6, quads)
     return f"""<?xml version="1.0"?>
     <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{unit}</asset>
     <library_geometries><geometry id="box"><mesh>
@@ -181,7 +181,7 @@ def collada(primitives=None, nodes='<instance_geometry url="#box"/>', unit="", b
 INPUTS = '<input semantic="VERTEX" source="#points" offset="0"/><input semantic="NORMAL" source="#numbers" offset="1"/>'
 
 
-def polylist(count, sizes, corners):
+def make_polylist(count, sizes, corners):
     return f'<polylist count="{count}">{INPUTS}<vcount>{sizes}</vcount><p>{corners}</p></polylist>'
 
 
@@ -201,13 +201,13 @@ def runs(kind, count, lists):
     ],
 )
 def test_every_surface_of_collada_is_read(tmp_path, primitives):
-    check_boxes(read(tmp_path, "box.dae", collada(primitives)))
+    check_boxes(read(tmp_path, "box.dae", make_collada(primitives)))
 
 
 def test_collada_indices_may_alternate_with_others(tmp_path):
     table = np.insert(np.insert(CORNERS, 1, 99, axis=1), 4, 98, axis=1).reshape(-1)
     text = (
-        collada(runs("polygons", 6, QUADS))
+        make_collada(runs("polygons", 6, QUADS))
         .replace('count="24"', 'count="42"')
         .replace('stride="3"', 'offset="2" stride="5"')
     )
@@ -217,11 +217,11 @@ def test_collada_indices_may_alternate_with_others(tmp_path):
     swapped = INPUTS.replace('offset="0"', 'offset="2"').replace('offset="1"', 'offset="0"')
     corners = " ".join(f"0 0 {corner}" for corner in QUADS.reshape(-1))
     faces = f'<polylist count="6">{swapped}<vcount>{"4 " * 6}</vcount><p>{corners}</p></polylist>'
-    check_boxes(read(tmp_path, "box.dae", collada(faces)))
+    check_boxes(read(tmp_path, "box.dae", make_collada(faces)))
 
 
 def test_the_unit_of_collada_is_converted_to_metres(tmp_path):
-    mesh = read(tmp_path, "box.dae", collada(unit='<unit name="centimeter" meter="0.01"/>'))
+    mesh = read(tmp_path, "box.dae", make_collada(unit='<unit name="centimeter" meter="0.01"/>'))
     assert np.allclose(mesh.bounds, [[0, 0, 0], [0.04, 0.04, 0.04]])
 
 
@@ -231,7 +231,7 @@ NODES = """<matrix>1 0 0 2 0 1 0 0 0 0 1 0 0 0 0 1</matrix><translate>3 0 0</tra
 
 
 def test_nodes_of_collada_place_meshes(tmp_path):
-    mesh = read(tmp_path, "nodes.dae", collada(nodes=NODES, unit='<unit meter="0.5"/>'))
+    mesh = read(tmp_path, "nodes.dae", make_collada(nodes=NODES, unit='<unit meter="0.5"/>'))
 
     def moved(points):
         return 0.5 * ((points * [-1, 2, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 0, 0])
@@ -244,7 +244,7 @@ def test_nodes_of_collada_place_meshes(tmp_path):
 def test_collada_agrees_with_another_reader(tmp_path):
     pytest.importorskip("collada")
     file = tmp_path / "nodes.dae"
-    file.write_text(collada(nodes=NODES.replace("0 0 2 90", "0 0 1 90")))
+    file.write_text(make_collada(nodes=NODES.replace("0 0 2 90", "0 0 1 90")))
     other = trimesh.load_scene(file, process=False).to_mesh()
     vertices, faces = read_mesh(file)
     ours = np.sort(vertices[faces].reshape(-1, 9), axis=0)
@@ -253,33 +253,36 @@ def test_collada_agrees_with_another_reader(tmp_path):
 
 @refusals(
     "content, message",
-    (collada(nodes='<instance_controller url="#skin"/>'), "instance_controller"),
-    (collada(nodes='<instance_geometry url="other.dae#box"/>'), "another file"),
-    (collada(nodes='<instance_geometry url="#none"/>'), "#none"),
-    (collada(nodes='<skew>0 0 0 0 0 0 0</skew><instance_geometry url="#box"/>'), "skew"),
-    (collada(nodes='<translate>1 2</translate><instance_geometry url="#box"/>'), "2 numbers"),
-    (collada(nodes='<node id="a"><instance_node url="#a"/></node>'), "within itself"),
-    (collada(unit='<unit meter="0"/>'), "unit"),
-    (collada(body='<geometry id="box"><mesh/></geometry>'), "#box.*repeated"),
-    (collada(body='<source id="numbers"/>'), "#numbers.*repeated"),
-    (collada(runs("trifans", 6, QUADS)), "trifans"),
-    (collada(runs("tristrips", 6, QUADS[:, [0, 1, 3, 2]])), "tristrips"),
-    (collada(runs("polygons", 1, [[0, 1]])), "2 corners"),
-    ('<!DOCTYPE a [<!ENTITY b "c">]>' + collada().partition("?>")[2].strip(), "entity"),
+    (make_collada(nodes='<instance_controller url="#skin"/>'), "instance_controller"),
+    (make_collada(nodes='<instance_geometry url="other.dae#box"/>'), "another file"),
+    (make_collada(nodes='<instance_geometry url="#none"/>'), "#none"),
+    (make_collada(nodes='<skew>0 0 0 0 0 0 0</skew><instance_geometry url="#box"/>'), "skew"),
+    (make_collada(nodes='<translate>1 2</translate><instance_geometry url="#box"/>'), "2 numbers"),
+    (make_collada(nodes='<node id="a"><instance_node url="#a"/></node>'), "within itself"),
+    (make_collada(unit='<unit meter="0"/>'), "unit"),
+    (make_collada(body='<geometry id="box"><mesh/></geometry>'), "#box.*repeated"),
+    (make_collada(body='<source id="numbers"/>'), "#numbers.*repeated"),
+    (make_collada(runs("trifans", 6, QUADS)), "trifans"),
+    (make_collada(runs("tristrips", 6, QUADS[:, [0, 1, 3, 2]])), "tristrips"),
+    (make_collada(runs("polygons", 1, [[0, 1]])), "2 corners"),
+    ('<!DOCTYPE a [<!ENTITY b "c">]>' + make_collada().partition("?>")[2].strip(), "entity"),
     ("<COLLADA>" + "<a>" * 300 + "</a>" * 300 + "</COLLADA>", "nested elements"),
-    (collada(runs("triangles", 11, [BOX.faces.reshape(-1)])), "declares 11"),
-    (collada(runs("polygons", 7, QUADS)), "declares 7"),
-    (collada(polylist(6, "4 " * 5, "0 0 " * 24)), "declares 6"),
-    (collada(polylist(6, "4 " * 6, "0 0 " * 23)), "24 corners"),
-    (collada(runs("triangles", 1, [[0, 1, 8]])), "vertex 8"),
-    (collada(f'<polygons count="1">{INPUTS}<ph><p>0 0 1 0 2 0</p><h>0 0 1 0 2 0</h></ph></polygons>'), "holes"),
-    (collada(runs("surface", 6, QUADS)), "surface"),
-    (collada(nodes='<instance_geometry url="#curved"/>', body='<geometry id="curved"><spline/></geometry>'), "spline"),
-    (collada().replace('url="#scene"', 'url="#box"'), "as its scene"),
-    (collada().replace('<scene><instance_visual_scene url="#scene"/></scene>', ""), "scene"),
-    (collada().replace('name="X"', 'name="S"'), "columns"),
-    (collada().replace('count="24"', 'count="27"'), "positions"),
-    (collada()[:-20], "truncated"),
+    (make_collada(runs("triangles", 11, [BOX.faces.reshape(-1)])), "declares 11"),
+    (make_collada(runs("polygons", 7, QUADS)), "declares 7"),
+    (make_collada(make_polylist(6, "4 " * 5, "0 0 " * 24)), "declares 6"),
+    (make_collada(make_polylist(6, "4 " * 6, "0 0 " * 23)), "24 corners"),
+    (make_collada(runs("triangles", 1, [[0, 1, 8]])), "vertex 8"),
+    (make_collada(f'<polygons count="1">{INPUTS}<ph><p>0 0 1 0 2 0</p><h>0 0 1 0 2 0</h></ph></polygons>'), "holes"),
+    (make_collada(runs("surface", 6, QUADS)), "surface"),
+    (
+        make_collada(nodes='<instance_geometry url="#curved"/>', body='<geometry id="curved"><spline/></geometry>'),
+        "spline",
+    ),
+    (make_collada().replace('url="#scene"', 'url="#box"'), "as its scene"),
+    (make_collada().replace('<scene><instance_visual_scene url="#scene"/></scene>', ""), "scene"),
+    (make_collada().replace('name="X"', 'name="S"'), "columns"),
+    (make_collada().replace('count="24"', 'count="27"'), "positions"),
+    (make_collada()[:-20], "truncated"),
 )
 def test_unsupported_features_of_collada_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.dae", content, message)

@@ -94,7 +94,7 @@ def test_a_large_obj_is_read_whole(tmp_path):
 # Polygons
 
 
-def area_of(points, sizes):
+def measure_area(points, sizes):
     faces = triangulate(np.array(points, float), np.arange(len(points)), np.array(sizes))
     return trimesh.Trimesh(points, faces, process=False).area
 
@@ -107,15 +107,15 @@ def test_flat_convex_polygons_keep_their_area(count, seed):
     shoelace = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
     points = np.stack([x, y, np.zeros(count)], axis=1) @ turn.T + rng.uniform(-3, 3, 3)
-    assert area_of(points, [count]) == pytest.approx(shoelace, rel=1e-9)
+    assert measure_area(points, [count]) == pytest.approx(shoelace, rel=1e-9)
 
 
 @pytest.mark.parametrize("first", range(6))
 def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
     corner = np.array([(0, 0, 1), (3, 0, 1), (3, 1, 1), (1, 1, 1), (1, 3, 1), (0, 3, 1)], float)
-    assert area_of(np.roll(corner, first, axis=0), [6]) == pytest.approx(5.0)
+    assert measure_area(np.roll(corner, first, axis=0), [6]) == pytest.approx(5.0)
     dart = np.array([(0, 0, 0), (2, 1, 0), (4, 0, 0), (2, 4, 0)], float)
-    assert area_of(np.roll(dart, first, axis=0), [4]) == pytest.approx(6.0)
+    assert measure_area(np.roll(dart, first, axis=0), [4]) == pytest.approx(6.0)
 
 
 @refusals(
@@ -132,8 +132,8 @@ def test_ambiguous_polygons_are_refused(tmp_path, points, message):
 
 def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
     line = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]
-    assert area_of(line, [4]) == 0.0
-    assert area_of([(1, 1, 1)] * 4, [4]) == 0.0
+    assert measure_area(line, [4]) == 0.0
+    assert measure_area([(1, 1, 1)] * 4, [4]) == 0.0
     for scale in (1e-160, 1e90):
         face = triangulate(CORNERS * scale, QUADS.reshape(-1), np.full(6, 4))
         assert face.shape == (12, 3)
@@ -144,13 +144,13 @@ def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
 # STL
 
 
-def binary_stl(count=12, shift=0.0):
+def make_binary_stl(count=12, shift=0.0):
     raw = bytearray(trimesh.Trimesh(CORNERS + shift, BOX.faces, process=False).export(file_type="stl"))
     raw[80:84] = struct.pack("<I", count)
     return bytes(raw)
 
 
-def text_stl(shift=0.0, name=""):
+def make_text_stl(shift=0.0, name=""):
     text = trimesh.Trimesh(CORNERS + shift, BOX.faces, process=False).export(file_type="stl_ascii")
     return text.replace("solid ", f"solid {name}", 1)
 
@@ -168,32 +168,32 @@ def text_stl(shift=0.0, name=""):
     ],
 )
 def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
-    check_boxes(read(tmp_path, "two.stl", write(text_stl()) + "\n" + write(text_stl(FAR))), 2)
+    check_boxes(read(tmp_path, "two.stl", write(make_text_stl()) + "\n" + write(make_text_stl(FAR))), 2)
 
 
 @refusals(
     "content, message",
-    (binary_stl(6), "declares 6 triangles but has bytes for 12"),
-    (binary_stl(13), "declares 13 triangles but has bytes for 12"),
-    (binary_stl()[:60], "truncated"),
-    (b"solid " + binary_stl(6)[6:], "solid"),
-    (text_stl() + text_stl(FAR).replace("endsolid", ""), "endsolid"),
-    (text_stl() + text_stl(FAR).replace("endsolid", "endsol"), "endsolid"),
-    (text_stl().replace("endsolid", "") + text_stl(FAR), "endsolid"),
-    (text_stl() + text_stl(FAR).partition("facet")[2], "endsolid"),
+    (make_binary_stl(6), "declares 6 triangles but has bytes for 12"),
+    (make_binary_stl(13), "declares 13 triangles but has bytes for 12"),
+    (make_binary_stl()[:60], "truncated"),
+    (b"solid " + make_binary_stl(6)[6:], "solid"),
+    (make_text_stl() + make_text_stl(FAR).replace("endsolid", ""), "endsolid"),
+    (make_text_stl() + make_text_stl(FAR).replace("endsolid", "endsol"), "endsolid"),
+    (make_text_stl().replace("endsolid", "") + make_text_stl(FAR), "endsolid"),
+    (make_text_stl() + make_text_stl(FAR).partition("facet")[2], "endsolid"),
     (
-        text_stl()
-        + text_stl(FAR).replace(
-            "solid", "solid " + text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " ")
+        make_text_stl()
+        + make_text_stl(FAR).replace(
+            "solid", "solid " + make_text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " ")
         ),
         "own",
     ),
-    (text_stl() + text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
-    (text_stl() + text_stl(FAR).replace("endfacet\n", "", 1), "words"),
-    (text_stl().replace(".0 ", ".0, "), "malformed"),
-    (b" 4\xff0".join(text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
-    (text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
-    (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
+    (make_text_stl() + make_text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
+    (make_text_stl() + make_text_stl(FAR).replace("endfacet\n", "", 1), "words"),
+    (make_text_stl().replace(".0 ", ".0, "), "malformed"),
+    (b" 4\xff0".join(make_text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
+    (make_text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
+    (make_text_stl() + make_text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
 )
 def test_inconsistent_stl_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.stl", content, message, FileError)

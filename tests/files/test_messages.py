@@ -21,7 +21,7 @@ from tests.refusals import refusals
 RNG = np.random.default_rng(0)
 
 
-def message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None):
+def make_message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None):
     """Make a ROS message; values start at the lowest y."""
     height, width = np.shape(values)
     turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
@@ -50,7 +50,7 @@ class Strict:
         self.fields[name] = value
 
 
-def strict(about, sizes, typecode):
+def make_strict(about, sizes, typecode):
     place = Strict(position=Strict(x=0.0, y=0.0, z=0.0), orientation=Strict(x=0.0, y=0.0, z=0.0, w=1.0))
     info = Strict(resolution=0.0, origin=place, **dict.fromkeys(sizes, 0))
     return Strict(header=Strict(stamp=None, frame_id=""), data=array(typecode), **{about: info})
@@ -66,13 +66,15 @@ def spaces():
 @pytest.mark.parametrize("data", [None, tuple, list, lambda x: array("b", x.tolist())])
 def test_values_become_cells(data):
     values = np.array([[0, 24, 25, 64], [65, 100, -1, 10], [0, 0, 0, 99]])
-    made = Workspace.from_occupancy_grid(message(values, 0.25, (1.0, -2.0), data=data))
+    made = Workspace.from_occupancy_grid(make_message(values, 0.25, (1.0, -2.0), data=data))
     assert (made.grid.lower, made.grid.spacing, made.grid.shape) == ((1.0, -2.0), 0.25, (4, 3))
     assert (made.outer == ((values >= 25) | (values < 0)).T).all()
     assert (made.unknown == ((values < 0) | ((values >= 25) & (values < 65))).T).all()
-    free = Workspace.from_occupancy_grid(message(values, data=data), "free")
+    free = Workspace.from_occupancy_grid(make_message(values, data=data), "free")
     assert (free.outer == (values >= 65).T).all()
-    published = Workspace.from_occupancy_grid(message(values, data=data), "free", free_thresh=0.995, occupied_thresh=1)
+    published = Workspace.from_occupancy_grid(
+        make_message(values, data=data), "free", free_thresh=0.995, occupied_thresh=1
+    )
     assert (published.outer == (values == 100).T).all()
 
 
@@ -88,7 +90,7 @@ def test_a_message_agrees_with_the_map_file(tmp_path, yaw, unknown):
     )
     saved = Workspace.from_ros_map(tmp_path / "map.yaml", unknown)
     single = float(np.float32(0.05))  # the type on the wire
-    made = Workspace.from_occupancy_grid(message(values, single, (-1.5, 2.5), yaw), unknown)
+    made = Workspace.from_occupancy_grid(make_message(values, single, (-1.5, 2.5), yaw), unknown)
     assert np.allclose(made.grid.lower, saved.grid.lower, atol=1e-12)
     assert (made.grid.spacing, made.grid.shape) == (0.05, saved.grid.shape)
     assert (made.outer == saved.outer).all()
@@ -96,7 +98,7 @@ def test_a_message_agrees_with_the_map_file(tmp_path, yaw, unknown):
 
 
 @pytest.mark.parametrize("unknown", ["occupied", "free"])
-@pytest.mark.parametrize("fill", [None, strict("info", ("width", "height"), "b")])
+@pytest.mark.parametrize("fill", [None, make_strict("info", ("width", "height"), "b")])
 def test_a_map_survives_its_message(spaces, unknown, fill):
     space = spaces["disc"]
     assert sorted(np.unique(space.cell_states).tolist()) == [FREE, MIXED, BLOCKED]
@@ -118,7 +120,7 @@ def test_a_turning_robot_is_free_only_at_all_rotations(spaces):
     assert (one == 0).sum() > (cells == 0).sum() > 0
 
 
-def distances(space, free):
+def measure_distances(space, free):
     """Return distances to points not free, by brute force."""
     ringed = np.argwhere(np.pad(~free, 1, constant_values=True)) - 1
     steps = np.indices((3, 3)).reshape(2, -1).T  # the candidates in a cell, in half cells
@@ -127,14 +129,14 @@ def distances(space, free):
     return space.grid.spacing / 2 * tree.query(centers)[0].reshape(free.shape)
 
 
-@pytest.mark.parametrize("fill", [None, strict("metadata", ("size_x", "size_y"), "B")])
+@pytest.mark.parametrize("fill", [None, make_strict("metadata", ("size_x", "size_y"), "B")])
 @pytest.mark.parametrize(("radius", "scaling"), [(0.55, 10.0), (0.8, 3.0), (0.0, 1.0), (99.0, 0.0)])
 def test_costs_agree_with_the_formula(spaces, radius, scaling, fill):
     space = spaces["disc"]
     msg = space.to_costmap(fill, inflation_radius=radius, cost_scaling_factor=scaling)
     assert isinstance(msg, Costmap) if fill is None else msg is fill
     assert (msg.metadata.size_x, msg.metadata.size_y, msg.metadata.origin.position.x) == (40, 30, -1.0)
-    costs, apart = np.array(msg.data).reshape(30, 40).T, distances(space, space.cell_states == FREE)
+    costs, apart = np.array(msg.data).reshape(30, 40).T, measure_distances(space, space.cell_states == FREE)
     for cell in np.ndindex(40, 30):
         expected = {math.floor(252 * math.exp(-scaling * (apart[cell] + e))) for e in (-1e-9, 1e-9)}
         if space.workspace.outer[cell]:
@@ -168,7 +170,7 @@ def test_costs_use_the_best_rotation_by_default(spaces):
     assert (each[0] != each[1]).any()
 
 
-def costs_by_hand(space, radius, scaling, rotation=None):
+def compute_costs(space, radius, scaling, rotation=None):
     """Compute costs from clearances at cell centers."""
     turns = space.rotations.centers if rotation is None else np.array([[rotation]])
     middles = space.grid.center_of(np.indices(space.grid.shape).reshape(2, -1).T)
@@ -196,10 +198,10 @@ def test_costs_follow_updates(seed, rotations, outside, changes):
     for comes, radius in changes:
         options = {"inflation_radius": radius, "cost_scaling_factor": 2.0}
         costs = np.array(space.to_costmap(**options).data).reshape(30, 24).T
-        np.testing.assert_array_equal(costs, costs_by_hand(space, radius, 2.0))
+        np.testing.assert_array_equal(costs, compute_costs(space, radius, 2.0))
         if rotations:
             one = np.array(space.to_costmap(rotation=1.0, **options).data).reshape(30, 24).T
-            np.testing.assert_array_equal(one, costs_by_hand(space, radius, 2.0, 1.0))
+            np.testing.assert_array_equal(one, compute_costs(space, radius, 2.0, 1.0))
         x, y = rng.uniform((2.5, -2.5), (6.0, 1.5))
         if comes or "cart" not in space.obstacles:
             space.add_obstacle("cart", shapely.box(x, y, x + 0.5, y + 0.3))
@@ -211,14 +213,14 @@ def test_unknown_cells_stay_unknown_in_a_costmap():
     values = np.zeros((20, 20), dtype=int)
     values[:5], values[10, 10] = -1, 100
     for unknown, seen in (("occupied", 255), ("free", 0)):
-        workspace = Workspace.from_occupancy_grid(message(values), unknown)
+        workspace = Workspace.from_occupancy_grid(make_message(values), unknown)
         costs = np.array(cspace.build(workspace, Robot.disc(0.06), outside="free").to_costmap().data).reshape(20, 20)
         assert costs[10, 10] == 254
         assert set(costs[:4].ravel().tolist()) <= ({255} if seen == 255 else set(range(253)))
 
 
 def changed(**fields):
-    made = message(np.zeros((2, 3)))
+    made = make_message(np.zeros((2, 3)))
     for path, value in fields.items():
         *way, last = path.split("__")
         target = made

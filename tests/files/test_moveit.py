@@ -21,22 +21,22 @@ NAMES = ("box", "sphere", "cylinder", "cone")
 BOUNDS = (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0)
 
 
-def scene(folder: Path, *objects: dict[str, Any], **more: Any) -> Path:
+def write_scene(folder: Path, *objects: dict[str, Any], **more: Any) -> Path:
     path = folder / "scene.yaml"
     path.write_text(yaml.safe_dump({"name": "test", "world": {"collision_objects": list(objects)}, **more}))
     return path
 
 
-def pose(position: Any = (0, 0, 0), orientation: Any = (0, 0, 0, 1)) -> dict[str, list[float]]:
+def make_pose(position: Any = (0, 0, 0), orientation: Any = (0, 0, 0, 1)) -> dict[str, list[float]]:
     return {"position": [float(x) for x in position], "orientation": [float(x) for x in orientation]}
 
 
-def primitive(kind: Any, dimensions: Any, at: Any = None, name: str = "thing", **more: Any) -> dict[str, Any]:
+def make_primitive(kind: Any, dimensions: Any, at: Any = None, name: str = "thing", **more: Any) -> dict[str, Any]:
     one = {"type": kind, "dimensions": list(dimensions)}
-    return {"id": name, "primitives": [one], "primitive_poses": [at or pose()], **more}
+    return {"id": name, "primitives": [one], "primitive_poses": [at or make_pose()], **more}
 
 
-def holds(kind: str, sizes: Any, points: Any, slack: float) -> Any:
+def contains(kind: str, sizes: Any, points: Any, slack: float) -> Any:
     """Return True for points in a grown primitive."""
     x, y, z = points.T
     if kind == "box":
@@ -68,24 +68,26 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
     """Pose both the primitive and its object anywhere."""
     count = {"box": 3, "sphere": 1}.get(kind, 2)
     turns = Rotation.from_euler("xyz", angles), Rotation.from_euler("z", angles[0])
-    poses = [pose(position, turn.as_quat()) for position, turn in zip(places, turns, strict=True)]
+    poses = [make_pose(position, turn.as_quat()) for position, turn in zip(places, turns, strict=True)]
     dimensions, kind_written = list(sizes[:count]), kind
     if layout == 1:  # the text that ROS prints
         kind_written, dimensions = 1 + NAMES.index(kind), dimensions + [0.0] * (3 - count)
         poses = [{name: dict(zip("xyzw", numbers, strict=False)) for name, numbers in each.items()} for each in poses]
     elif layout == 2:
         kind_written = kind.upper()
-    path = scene(tmp_path, primitive(kind_written, dimensions, poses[1], pose=poses[0], operation="\0" * (layout == 1)))
+    path = write_scene(
+        tmp_path, make_primitive(kind_written, dimensions, poses[1], pose=poses[0], operation="\0" * (layout == 1))
+    )
     workspace = Workspace.from_moveit_scene(path, 0.11, (-3, -3, -3, 3, 3, 3))
     rng = np.random.default_rng(seed)
     local = rng.uniform(-0.7, 0.7, (4000, 3))
-    points = turns[0].apply(turns[1].apply(local[holds(kind, sizes[:count], local, -1e-9)]) + places[1]) + places[0]
+    points = turns[0].apply(turns[1].apply(local[contains(kind, sizes[:count], local, -1e-9)]) + places[1]) + places[0]
     cells = np.floor((points - np.array(workspace.grid.lower)) / 0.11).astype(int)
     assert len(points) > 0 and workspace.outer[tuple(cells.T)].all()
     inner = np.argwhere(workspace.inner)
     corners = (inner[:, None] + rng.random((1, 20, 3))).reshape(-1, 3) * 0.11 + workspace.grid.lower
     back = turns[1].inv().apply(turns[0].inv().apply(corners - places[0]) - places[1])
-    assert holds(kind, sizes[:count], back, 1e-9).all()
+    assert contains(kind, sizes[:count], back, 1e-9).all()
     arm_side = read_moveit_scene(path)["thing"]
     center = arm_side.pose[:3, 3]
     np.testing.assert_allclose(center, turns[0].apply(places[1]) + places[0], atol=1e-12)
@@ -107,7 +109,7 @@ def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, d
                 name, turn = f"{kind}{number}", item.get("orientation_quat_xyzw", [0, 0, 0, 1])
                 numbers = [2 * x for x in item["half_extents"]] if sizes is None else [item[key] for key in sizes]
                 header = {"header": {"frame_id": "base_link"}}
-                objects.append(primitive(kind, numbers, pose(item["position"], turn), name, **header))
+                objects.append(make_primitive(kind, numbers, make_pose(item["position"], turn), name, **header))
                 matrix = np.eye(4)
                 matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(turn).as_matrix(), item["position"]
                 make = {
@@ -116,7 +118,7 @@ def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, d
                     "cylinder": lambda h, r: Robot.cylinder(r, h),
                 }
                 expected[name] = PosedShape(make[kind](*numbers).shape, matrix)
-        read = read_moveit_scene(scene(tmp_path, *objects))
+        read = read_moveit_scene(write_scene(tmp_path, *objects))
         assert read.keys() == expected.keys()
         spaces = build_arm_space(read, arm), build_arm_space(expected, arm)
         points = rng.uniform(*arm._ranges(), (300, arm.dof))
@@ -126,7 +128,11 @@ def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, d
 
 
 def test_scenes_become_maps_and_arms(tmp_path):
-    path = scene(tmp_path, primitive("box", (1, 1, 1), name="a"), primitive("sphere", (0.3,), pose((1.2, 0, 0)), "b"))
+    path = write_scene(
+        tmp_path,
+        make_primitive("box", (1, 1, 1), name="a"),
+        make_primitive("sphere", (0.3,), make_pose((1.2, 0, 0)), "b"),
+    )
     workspace = Workspace.from_moveit_scene(path, 0.05, BOUNDS)
     assert len(workspace.shapes) == 2 and repr(workspace).startswith(f"Workspace({path}: 80 x 80 x 80 cells")
     space = build(workspace, Robot.ball(0.1))
@@ -140,12 +146,12 @@ def test_operations_add_append_and_remove_shapes(tmp_path):
     table = {
         "id": "table",
         "primitives": [{"type": "box", "dimensions": [1, 1, 0.1]}, {"type": 3, "dimensions": [0.7, 0.05]}],
-        "primitive_poses": [pose((0, 0, 0.7)), pose((0, 0, 0.35))],
+        "primitive_poses": [make_pose((0, 0, 0.7)), make_pose((0, 0, 0.35))],
     }
-    old, gone = primitive("box", (1, 1, 1), name="cup"), primitive("sphere", (1,), name="gone")
-    more = primitive("sphere", (0.1,), pose((0, 0, 2)), "cup", operation="append")
-    new = primitive("sphere", (0.2,), name="cup")
-    read = read_moveit_scene(scene(tmp_path, table, old, gone, new, more, {"id": "gone", "operation": 1}))
+    old, gone = make_primitive("box", (1, 1, 1), name="cup"), make_primitive("sphere", (1,), name="gone")
+    more = make_primitive("sphere", (0.1,), make_pose((0, 0, 2)), "cup", operation="append")
+    new = make_primitive("sphere", (0.2,), name="cup")
+    read = read_moveit_scene(write_scene(tmp_path, table, old, gone, new, more, {"id": "gone", "operation": 1}))
     assert list(read) == ["table/0", "table/1", "cup/0", "cup/1"]
     assert read["cup/0"].shape.outer.bounds[1][0] == 0.2 and read["cup/1"].pose[2, 3] == 2.0
 
@@ -159,19 +165,19 @@ def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
     plain = {"vertices": cube.vertices.tolist(), "triangles": cube.faces.tolist()}
     scaled = {"resource": "package://cubes/meshes/cube.stl", "dimensions": [0.5, 0.5, 0.5]}
     near = {"resource": "cubes/meshes/cube.stl"}
-    turn = pose((5, 0, 0), Rotation.from_euler("z", 90, degrees=True).as_quat())
+    turn = make_pose((5, 0, 0), Rotation.from_euler("z", 90, degrees=True).as_quat())
     for number, (mesh, factor) in enumerate(((inline, 1.0), (plain, 1.0), (scaled, 0.5), (near, 1.0))):
-        path = scene(tmp_path, {"id": f"m{number}", "meshes": [mesh], "mesh_poses": [turn]})
+        path = write_scene(tmp_path, {"id": f"m{number}", "meshes": [mesh], "mesh_poses": [turn]})
         workspace = Workspace.from_moveit_scene(path, 0.1)
         expected = np.array([[-1, -0.5, -1.5], [1, 0.5, 1.5]]) * factor + [5, 0, 0]
         np.testing.assert_allclose(workspace.shapes[0].bounds, expected, atol=1e-7)
         assert workspace.inner.any()
 
 
-@pytest.mark.parametrize(("place", "coef"), [(pose(), [0, 0, 2, 1.0]), (pose((0, 0, -0.5)), [0, 0, -1, 0])])
+@pytest.mark.parametrize(("place", "coef"), [(make_pose(), [0, 0, 2, 1.0]), (make_pose((0, 0, -0.5)), [0, 0, -1, 0])])
 def test_planes_reach_as_far_as_the_bounds(tmp_path, place, coef):
     """Use the plane z = -0.5, in maps and for arms."""
-    path = scene(tmp_path, {"id": "ground", "planes": [{"coef": coef}], "plane_poses": [place]})
+    path = write_scene(tmp_path, {"id": "ground", "planes": [{"coef": coef}], "plane_poses": [place]})
     workspace = Workspace.from_moveit_scene(path, 0.2, (-2, -2, -1.5, 3, 2, 1))
     layers = np.flatnonzero(workspace.outer.any(axis=(0, 1)))
     assert workspace.outer[:, :, layers].all() and layers.tolist() in ([4, 5], [4], [5]) and not workspace.inner.any()
@@ -184,22 +190,25 @@ def test_planes_reach_as_far_as_the_bounds(tmp_path, place, coef):
 
 def test_frames_are_joined_by_their_transforms(tmp_path):
     one, other = ({"header": {"frame_id": name}} for name in ("world", "/table"))
-    objects = primitive("sphere", (0.1,), name="a", **one), primitive("sphere", (0.1,), pose((1, 0, 0)), "b", **other)
+    objects = (
+        make_primitive("sphere", (0.1,), name="a", **one),
+        make_primitive("sphere", (0.1,), make_pose((1, 0, 0)), "b", **other),
+    )
     turn = Rotation.from_euler("z", 90, degrees=True).as_quat().tolist()
     link = {"child_frame_id": "table", "transform": {"translation": [0, 0, 3], "rotation": turn}}
     chain = [{**link, "header": {"frame_id": "room"}}, {"child_frame_id": "room", "header": {"frame_id": "world"}}]
-    read = read_moveit_scene(scene(tmp_path, *objects, fixed_frame_transforms=chain))
+    read = read_moveit_scene(write_scene(tmp_path, *objects, fixed_frame_transforms=chain))
     np.testing.assert_allclose(read["b"].pose[:3, 3], (0, 1, 3), atol=1e-12)
     with pytest.raises(FileError, match=r"has objects in the frames 'table', 'world'; fixed_frame_transforms must"):
-        read_moveit_scene(scene(tmp_path, *objects))
-    same = read_moveit_scene(scene(tmp_path, objects[1], fixed_frame_transforms=chain))
+        read_moveit_scene(write_scene(tmp_path, *objects))
+    same = read_moveit_scene(write_scene(tmp_path, objects[1], fixed_frame_transforms=chain))
     np.testing.assert_allclose(same["b"].pose[:3, 3], (1, 0, 0))
 
 
 def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path):
     attached = {"attached_collision_objects": [{"link_name": "hand", "object": {"id": "mug"}}]}
     padding = [{"link_name": "hand", "padding": 0.01}]
-    path = scene(tmp_path, primitive("sphere", (1,)), robot_state=attached, link_padding=padding)
+    path = write_scene(tmp_path, make_primitive("sphere", (1,)), robot_state=attached, link_padding=padding)
     with pytest.warns(UserWarning, match=r"attached objects \(mug\), link_padding enlarge the robot and are not read"):
         Workspace.from_moveit_scene(path, 0.1)
 
@@ -209,33 +218,39 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
 
 @refusals(
     "objects, expected",
-    ([primitive("prism", [1, 1])], r"has the type 'prism' at primitives\[0\] of object 'thing'; .* box \(1\), sphere"),
-    ([primitive(5, [1, 1])], r"has the type 5 at"),
-    ([primitive(None, [1, 1])], r"has the type None at"),
-    ([primitive("cylinder", [1])], r"has the dimensions \[1.0\] at .*; a cylinder has height, radius"),
-    ([primitive("cylinder", [1, 0])], r"has the dimensions \[1.0, 0.0\]"),
-    ([primitive("sphere", [1, 2])], r"has the dimensions \[1.0, 2.0\] at .*; a sphere has radius"),
-    ([primitive("box", ["a", 1, 1])], r"has \['a', 1, 1\] as dimensions of .*; it must be 3 finite numbers"),
-    ([{"id": "a", "primitives": [{"type": 1}]}], r"has the dimensions \[\] at"),
-    ([primitive("box", [1, 1, 1], {"position": [0, 0]})], r"as position of primitive_poses\[0\] of object 'thing'"),
-    ([primitive("box", [1, 1, 1], {"orientation": {"x": 1}})], r"as orientation of .* 4 finite numbers"),
     (
-        [{"id": "a", "primitives": [dict(BOX), {}], "primitive_poses": [pose()]}],
+        [make_primitive("prism", [1, 1])],
+        r"has the type 'prism' at primitives\[0\] of object 'thing'; .* box \(1\), sphere",
+    ),
+    ([make_primitive(5, [1, 1])], r"has the type 5 at"),
+    ([make_primitive(None, [1, 1])], r"has the type None at"),
+    ([make_primitive("cylinder", [1])], r"has the dimensions \[1.0\] at .*; a cylinder has height, radius"),
+    ([make_primitive("cylinder", [1, 0])], r"has the dimensions \[1.0, 0.0\]"),
+    ([make_primitive("sphere", [1, 2])], r"has the dimensions \[1.0, 2.0\] at .*; a sphere has radius"),
+    ([make_primitive("box", ["a", 1, 1])], r"has \['a', 1, 1\] as dimensions of .*; it must be 3 finite numbers"),
+    ([{"id": "a", "primitives": [{"type": 1}]}], r"has the dimensions \[\] at"),
+    (
+        [make_primitive("box", [1, 1, 1], {"position": [0, 0]})],
+        r"as position of primitive_poses\[0\] of object 'thing'",
+    ),
+    ([make_primitive("box", [1, 1, 1], {"orientation": {"x": 1}})], r"as orientation of .* 4 finite numbers"),
+    (
+        [{"id": "a", "primitives": [dict(BOX), {}], "primitive_poses": [make_pose()]}],
         "has 2 primitives but 1 primitive_poses",
     ),
     ([{"id": "a"}], "has no shape at object 'a'"),
     ([], "holds no shape"),
-    ([primitive("box", [1, 1, 1], operation="move")], "has the operation 'move' at object 'thing'"),
+    ([make_primitive("box", [1, 1, 1], operation="move")], "has the operation 'move' at object 'thing'"),
     ([{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}], "of its 1 vertices at meshes"),
     ([{"id": "a", "meshes": [{"vertices": [], "triangles": []}]}], "has no triangles"),
     ([{"id": "a", "meshes": [{"resource": "package://none/x.stl"}]}], "does not exist"),
     ([{"id": "a", "planes": [{"coef": [0, 0, 0, 1]}]}], "a, b and c may not all be zero"),
     ([{"id": "a", "planes": [{"coef": [0, 0, 1]}]}], "as coef of planes"),
     (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
-    ([primitive("box", [1, 1, 1], name=f"b{n}") for n in range(10_001)], "holds more than 10000 shapes"),
+    ([make_primitive("box", [1, 1, 1], name=f"b{n}") for n in range(10_001)], "holds more than 10000 shapes"),
 )
 def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
-    path = scene(tmp_path, *objects)
+    path = write_scene(tmp_path, *objects)
     with pytest.raises((FileError, GeometryError), match=expected) as caught:
         Workspace.from_moveit_scene(path, 0.1, BOUNDS)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
@@ -259,7 +274,7 @@ def test_other_files_are_refused_in_one_line(tmp_path, text, expected):
 
 
 def test_numbers_of_the_caller_are_checked(tmp_path):
-    path = scene(tmp_path, primitive("sphere", (1,)))
+    path = write_scene(tmp_path, make_primitive("sphere", (1,)))
     with pytest.raises(InputError, match="spacing"):
         Workspace.from_moveit_scene(path, 0.0)
     with pytest.raises(InputError, match="plane_radius"):

@@ -21,7 +21,7 @@ global_costmap:
 """
 
 
-def written(folder, local, world):
+def write_parameters(folder, local, world):
     path = folder / "nav2_params.yaml"
     path.write_text(NAV2.replace("{LOCAL}", local).replace("{GLOBAL}", world))
     return path
@@ -52,7 +52,7 @@ def test_padding_moves_each_coordinate_away_from_zero():
     ],
 )
 def test_read_nav2_reads_both_costmaps(tmp_path, table, bounds):
-    path = written(tmp_path, table, table)
+    path = write_parameters(tmp_path, table, table)
     for robot in (Robot.from_nav2(path), Robot.open(path), Robot.open(f"{path}#local_costmap")):
         assert robot.geometry.bounds == pytest.approx((-bounds, -bounds, bounds, bounds))
 
@@ -68,7 +68,7 @@ def test_read_nav2_reads_ros_1_files_and_several_robots(tmp_path):
 
 
 def test_costmaps_that_differ_are_both_named(tmp_path):
-    path = written(tmp_path, "{robot_radius: 0.2}", f'{{footprint: "{FOOTPRINT_TEXT}"}}')
+    path = write_parameters(tmp_path, "{robot_radius: 0.2}", f'{{footprint: "{FOOTPRINT_TEXT}"}}')
     with pytest.raises(FileError) as caught:
         Robot.from_nav2(path)
     for message in (
@@ -97,7 +97,7 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
 )
 def test_bad_parameters_are_named(tmp_path, table, error, message):
     with pytest.raises(error, match=message):
-        Robot.from_nav2(written(tmp_path, table, table))
+        Robot.from_nav2(write_parameters(tmp_path, table, table))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from tests.refusals import refusals
 # PLY
 
 
-def ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""):
+def make_ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""):
     """Return a PLY file of a box.
 
     `before` and `after` are one-byte properties around the lists of corners.
@@ -46,7 +46,7 @@ RED = "property uchar red\n"
 @pytest.mark.parametrize("types", [("float", "uchar", "int"), ("double", "ushort", "uint32")], ids=str)
 @pytest.mark.parametrize(("before", "after"), [("", ""), (RED, ""), ("", RED)], ids=["plain", "before", "after"])
 def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, types, before, after):
-    content = ply(order, faces, types, before, after)
+    content = make_ply(order, faces, types, before, after)
     if order != "ascii" and len(set(map(len, faces))) > 1:  # trimesh gives all lists the length of the first
         check_refused(tmp_path, "box.ply", content, "equally many corners|different numbers")
     else:
@@ -56,32 +56,32 @@ def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, t
 @pytest.mark.parametrize("order", ORDERS)
 def test_faces_of_ply_may_have_other_properties_besides(tmp_path, order):
     texture = b"property list uchar uchar texcoord\n"
-    data = ply(order, QUADS, before="property uchar red\n", after="property uchar blue\n", name="vertex_index")
+    data = make_ply(order, QUADS, before="property uchar red\n", after="property uchar blue\n", name="vertex_index")
     check_boxes(read(tmp_path, "box.ply", data))
     check_refused(tmp_path, "box.ply", data.replace(b"property uchar blue\n", texture), "truncated")
 
 
 def test_binary_lists_of_changing_length_are_refused(tmp_path):
-    data = bytearray(ply("binary_little_endian", [(0, 1, 2), (0, 2, 3)]))
+    data = bytearray(make_ply("binary_little_endian", [(0, 1, 2), (0, 2, 3)]))
     data[-13] = 2
     check_refused(tmp_path, "odd.ply", bytes(data), "different numbers")
 
 
 @refusals(
     "content, message",
-    (ply("ascii", tail=b"\n0 1 2"), "15 lines"),
-    (ply("ascii", tail=b" 7"), "6 words"),
-    (ply("binary_little_endian", tail=b"abc"), "unexpected length"),
-    (ply("ascii", name="corners"), "one list named vertex_indices"),
-    (ply("ascii", types=("float", "uchar", "float"), faces=[(0, 1, 2.5)]), "2.5"),
-    (ply("ascii", faces=[(0, 1, 8)]), "vertex 8"),
-    (ply("ascii", faces=[(0, 1, -1)]), "vertex -1"),
-    (ply("ascii", faces=[(0, 1)]), "2 corners"),
-    (ply("ascii").replace(b"format ascii", b"header"), "header"),
-    (ply("ascii").replace(b"float z", b"float w"), "x, y and z"),
-    (ply("ascii").replace(b"face 6", b"face 99999999999999"), "truncated"),
-    (ply("binary_big_endian").replace(b"face 6", b"face 99999999999999"), "truncated"),
-    (ply("binary_big_endian").replace(b"vertex 8", b"vertex 99999999999999"), "truncated"),
+    (make_ply("ascii", tail=b"\n0 1 2"), "15 lines"),
+    (make_ply("ascii", tail=b" 7"), "6 words"),
+    (make_ply("binary_little_endian", tail=b"abc"), "unexpected length"),
+    (make_ply("ascii", name="corners"), "one list named vertex_indices"),
+    (make_ply("ascii", types=("float", "uchar", "float"), faces=[(0, 1, 2.5)]), "2.5"),
+    (make_ply("ascii", faces=[(0, 1, 8)]), "vertex 8"),
+    (make_ply("ascii", faces=[(0, 1, -1)]), "vertex -1"),
+    (make_ply("ascii", faces=[(0, 1)]), "2 corners"),
+    (make_ply("ascii").replace(b"format ascii", b"header"), "header"),
+    (make_ply("ascii").replace(b"float z", b"float w"), "x, y and z"),
+    (make_ply("ascii").replace(b"face 6", b"face 99999999999999"), "truncated"),
+    (make_ply("binary_big_endian").replace(b"face 6", b"face 99999999999999"), "truncated"),
+    (make_ply("binary_big_endian").replace(b"vertex 8", b"vertex 99999999999999"), "truncated"),
 )
 def test_inconsistent_ply_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.ply", content, message)
@@ -91,12 +91,12 @@ def test_inconsistent_ply_files_are_refused(tmp_path, content, message):
 @pytest.mark.parametrize("part", [0.97, 0.999])
 @pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["quads", "mixed"])
 def test_truncated_ply_files_are_refused(tmp_path, order, part, faces):
-    data = ply(order, faces)
+    data = make_ply(order, faces)
     check_refused(tmp_path, "cut.ply", data[: int(part * len(data)) - 1], "truncated")
 
 
 def test_strips_of_ply_are_refused_and_edges_skipped(tmp_path):
-    data = ply("ascii").decode()
+    data = make_ply("ascii").decode()
     strips = data.replace("end_header", "element tristrips 1\nproperty list int int vertex_indices\nend_header")
     check_refused(tmp_path, "strips.ply", strips + "\n4 0 1 2 3", "tristrips", GeometryError)
     edges = data.replace("end_header", "element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header")

@@ -53,7 +53,7 @@ def pack_lzf(data: bytes) -> bytes:
     return bytes(out)
 
 
-def pcd(points, data, fields="rgb x _ y z", sizes="4 4 1 8 4", types="U F U F F", counts="1 1 3 1 1"):
+def make_pcd(points, data, fields="rgb x _ y z", sizes="4 4 1 8 4", types="U F U F F", counts="1 1 3 1 1"):
     """Return a PCD file with fields of several types."""
     header = (
         f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\n"
@@ -74,7 +74,7 @@ def pcd(points, data, fields="rgb x _ y z", sizes="4 4 1 8 4", types="U F U F F"
 ENCODINGS = ["ascii", "binary", "binary_compressed"]
 
 
-def ply(points, form):
+def make_ply(points, form):
     cloud = trimesh.PointCloud(points)
     return cloud.export(file_type="ply", encoding=form)
 
@@ -86,7 +86,7 @@ def write(tmp_path, name, content):
     return path
 
 
-def refused(path, error=FileError):
+def check_refused(path, error=FileError):
     with pytest.raises(error) as caught:
         read_points(path)
     assert str(path) in str(caught.value)
@@ -98,7 +98,7 @@ def test_pcd_is_read_in_every_encoding(tmp_path, encoding):
     many = np.random.default_rng(1).integers(-1000, 1000, (3000, 3)) / 8
     many[1000:2000] = many[0]
     for cloud in (CLOUD, many):
-        points = read_points(write(tmp_path, "cloud.pcd", pcd(cloud, encoding)))
+        points = read_points(write(tmp_path, "cloud.pcd", make_pcd(cloud, encoding)))
         assert points.dtype == np.float64 and points.flags.c_contiguous and (points == cloud).all()
 
 
@@ -110,16 +110,16 @@ def test_pcd_may_lack_counts_and_hold_integers(tmp_path):
 
 
 def test_pcd_may_have_windows_line_ends(tmp_path):
-    content = pcd(CLOUD, "ascii").replace(b"\n", b"\r\n")
+    content = make_pcd(CLOUD, "ascii").replace(b"\n", b"\r\n")
     assert (read_points(write(tmp_path, "cloud.pcd", content)) == CLOUD).all()
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_truncated_pcd_is_refused(tmp_path, encoding):
-    content = pcd(CLOUD, encoding)
+    content = make_pcd(CLOUD, encoding)
     body = content.index(b"DATA")
     for length in range(0, len(content) - 1, 7):
-        message = refused(write(tmp_path, "cloud.pcd", content[:length]))
+        message = check_refused(write(tmp_path, "cloud.pcd", content[:length]))
         if length > body + 30 and encoding == "binary":
             record = 4 + 4 + 3 + 8 + 4
             left = (length - content.index(b"\n", body) - 1) // record
@@ -127,13 +127,15 @@ def test_truncated_pcd_is_refused(tmp_path, encoding):
 
 
 def test_truncated_pcd_is_refused_with_the_counts(tmp_path):
-    content = pcd(CLOUD, "ascii")
+    content = make_pcd(CLOUD, "ascii")
     lines = content.decode().splitlines()
-    assert "holds 3 points but its header says 5" in refused(write(tmp_path, "a.pcd", "\n".join(lines[:-2]) + "\n"))
-    assert f"line {len(lines)} is" in refused(write(tmp_path, "b.pcd", content[:-8]))
-    packed = pcd(CLOUD, "binary_compressed")
+    assert "holds 3 points but its header says 5" in check_refused(
+        write(tmp_path, "a.pcd", "\n".join(lines[:-2]) + "\n")
+    )
+    assert f"line {len(lines)} is" in check_refused(write(tmp_path, "b.pcd", content[:-8]))
+    packed = make_pcd(CLOUD, "binary_compressed")
     size = len(packed) - packed.index(b"compressed\n") - len(b"compressed\n") - 8
-    message = refused(write(tmp_path, "c.pcd", packed[:-10]))
+    message = check_refused(write(tmp_path, "c.pcd", packed[:-10]))
     assert f"holds {size - 10} bytes of packed points but its header says {size}" in message
 
 
@@ -158,25 +160,25 @@ def test_truncated_pcd_is_refused_with_the_counts(tmp_path):
     ("WIDTH 5\nHEIGHT 1\n", "WIDTH -5\nHEIGHT -1\n", "do not agree"),
 )
 def test_pcd_headers_are_checked(tmp_path, old, new, message):
-    content = pcd(CLOUD, "binary")
+    content = make_pcd(CLOUD, "binary")
     assert old.encode() in content
     path = write(tmp_path, "cloud.pcd", content.replace(old.encode(), new.encode()))
     if message is None:
         assert (read_points(path) == CLOUD).all()
     else:
-        assert message in refused(path)
+        assert message in check_refused(path)
 
 
 def test_damaged_packed_pcd_is_refused(tmp_path):
-    content = pcd(CLOUD, "binary_compressed")
+    content = make_pcd(CLOUD, "binary_compressed")
     start = content.index(b"compressed\n") + len(b"compressed\n")
     packed, plain = struct.unpack("<II", content[start : start + 8])
     wrong = content[:start] + struct.pack("<II", packed, plain + 1) + content[start + 8 :]
-    assert f"says {plain + 1} bytes" in refused(write(tmp_path, "a.pcd", wrong))
+    assert f"says {plain + 1} bytes" in check_refused(write(tmp_path, "a.pcd", wrong))
     short = content[:start] + struct.pack("<II", packed - 1, plain) + content[start + 8 :]
-    assert "does not unpack" in refused(write(tmp_path, "b.pcd", short))
+    assert "does not unpack" in check_refused(write(tmp_path, "b.pcd", short))
     back = content[:start] + struct.pack("<II", 3, plain) + b"\x20\xff\xff"
-    assert "does not unpack" in refused(write(tmp_path, "c.pcd", back))
+    assert "does not unpack" in check_refused(write(tmp_path, "c.pcd", back))
 
 
 @given(seeds, st.integers(0, 3000), st.sampled_from([1, 2, 5, 256]))
@@ -205,7 +207,7 @@ def test_damaged_lzf_returns_an_error(packed):
 
 @pytest.mark.parametrize("form", ["binary", "ascii"])
 def test_ply_is_read(tmp_path, form):
-    assert (read_points(write(tmp_path, "cloud.ply", ply(CLOUD, form))) == CLOUD).all()
+    assert (read_points(write(tmp_path, "cloud.ply", make_ply(CLOUD, form))) == CLOUD).all()
 
 
 def test_vertices_of_a_ply_mesh_are_read(tmp_path):
@@ -214,7 +216,7 @@ def test_vertices_of_a_ply_mesh_are_read(tmp_path):
     assert np.allclose(points, mesh.vertices, atol=1e-6)
 
 
-def npy(array):
+def make_npy(array):
     stream = io.BytesIO()
     np.save(stream, array)
     return stream.getvalue()
@@ -272,7 +274,7 @@ def test_text_is_read_with_any_separator(tmp_path, name, text):
     (STRIPS.replace("vertex 4", "vertex " + "9" * 5000), "no whole PLY header"),
 )
 def test_malformed_text_is_refused(tmp_path, text, message):
-    assert message in refused(write(tmp_path, "cloud.ply" if text[:3] == "ply" else "cloud.xyz", text))
+    assert message in check_refused(write(tmp_path, "cloud.ply" if text[:3] == "ply" else "cloud.xyz", text))
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int16])
@@ -287,7 +289,7 @@ def test_npy_is_read_in_any_type_and_order(tmp_path, dtype):
 )
 def test_npy_of_another_shape_or_type_is_refused(tmp_path, array):
     np.save(tmp_path / "cloud.npy", array)
-    assert "shape (n, 3)" in refused(tmp_path / "cloud.npy")
+    assert "shape (n, 3)" in check_refused(tmp_path / "cloud.npy")
 
 
 def empty_and_broken(points):
@@ -298,19 +300,19 @@ def empty_and_broken(points):
     yield "cloud.xyz", "# cloud\n" + rows
     yield "cloud.ply", plain + "\n"
     for encoding in ENCODINGS:
-        yield "cloud.pcd", pcd(points, encoding)
+        yield "cloud.pcd", make_pcd(points, encoding)
 
 
 @pytest.mark.parametrize(("name", "content"), list(empty_and_broken(np.zeros((0, 3)))))
 def test_empty_clouds_are_refused(tmp_path, name, content):
-    assert "no point" in refused(write(tmp_path, name, content), GeometryError)
+    assert "no point" in check_refused(write(tmp_path, name, content), GeometryError)
 
 
 @pytest.mark.parametrize(
     ("name", "content"), list(empty_and_broken(np.array([[1, 2, 3], [np.nan] * 3, [1, np.inf, 2], [4, 5, 6]])))
 )
 def test_points_that_are_not_finite_are_counted_and_refused(tmp_path, name, content):
-    message = refused(write(tmp_path, name, content), GeometryError)
+    message = check_refused(write(tmp_path, name, content), GeometryError)
     assert "2 points of 4" in message
     assert "np.isfinite(points).all(axis=1)" in message
 
@@ -321,32 +323,32 @@ def test_other_names_are_refused(tmp_path):
     with pytest.raises(InputError, match="must be a file name"):
         read_points(3)
     for name in ("a.npy", "a.xyz", "a.ply", "a.pcd"):
-        assert "does not exist" in refused(tmp_path / name)
+        assert "does not exist" in check_refused(tmp_path / name)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize("count", ["999999999999", "600000000", "1" + "0" * 30])
 @pytest.mark.parametrize("number", [5, 0])
 def test_pcd_with_absurd_counts_is_refused(tmp_path, encoding, count, number):
-    content = pcd(CLOUD[:number], encoding).replace(b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode())
-    assert "bytes per point, by SIZE and COUNT" in refused(write(tmp_path, "cloud.pcd", content))
+    content = make_pcd(CLOUD[:number], encoding).replace(b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode())
+    assert "bytes per point, by SIZE and COUNT" in check_refused(write(tmp_path, "cloud.pcd", content))
 
 
 def test_pcd_that_declares_more_than_it_can_unpack_to_is_refused(tmp_path, monkeypatch):
     content = (
-        pcd(CLOUD, "binary_compressed")
+        make_pcd(CLOUD, "binary_compressed")
         .replace(b"WIDTH 5", b"WIDTH 150000000")
         .replace(b"POINTS 5", b"POINTS 150000000")
     )
     start = content.index(b"compressed\n") + len(b"compressed\n")
     packed = struct.unpack("<I", content[start : start + 4])[0]
     content = content[:start] + struct.pack("<II", packed, 23 * 150000000) + content[start + 8 :]
-    assert "one unpacks to at most 88" in refused(write(tmp_path, "cloud.pcd", content))
+    assert "one unpacks to at most 88" in check_refused(write(tmp_path, "cloud.pcd", content))
 
 
 def test_pcd_of_equal_points_is_read_however_well_it_packs(tmp_path):
     points = np.full((5000, 3), 0.5)
-    content = pcd(points, "binary_compressed", "x y z", "4 4 4", "F F F", "1 1 1")
+    content = make_pcd(points, "binary_compressed", "x y z", "4 4 4", "F F F", "1 1 1")
     start = content.index(b"compressed\n") + len(b"compressed\n")
     packed = pack_lzf(np.full(15000, 0.5, "<f4").tobytes())
     path = write(tmp_path, "cloud.pcd", content[:start] + struct.pack("<II", len(packed), 60000) + packed)
@@ -354,7 +356,7 @@ def test_pcd_of_equal_points_is_read_however_well_it_packs(tmp_path):
     assert (read_points(path) == points).all()
 
 
-def npy_header(shape, kind="<f8", version=1):
+def make_npy_header(shape, kind="<f8", version=1):
     stream = io.BytesIO()
     writer = {1: np.lib.format.write_array_header_1_0, 2: np.lib.format.write_array_header_2_0}[version]
     writer(stream, {"shape": shape, "fortran_order": False, "descr": kind})
@@ -365,7 +367,7 @@ def npy_header(shape, kind="<f8", version=1):
     "content",
     [
         *[
-            npy_header(shape, version=version) + bytes(100)
+            make_npy_header(shape, version=version) + bytes(100)
             for version in (1, 2)
             for shape in [(2**70, 3), (2**62, 3), (10**12, 3), (5, 3), (-1, 3), (0, 2**70)]
         ],
@@ -374,16 +376,16 @@ def npy_header(shape, kind="<f8", version=1):
         b"PK\x03\x04" + bytes(50),
         b"\x93NUMPY\x03\x00" + bytes(100),
         b"\x93NUMPY\x09\x00" + bytes(100),
-        npy_header((4, 3)).replace(b"<f8", b"<q9") + bytes(96),
-        npy_header((4, 3)).replace(b"(4, 3)", b"(4, 3 ") + bytes(96),
-        npy_header((4, 3)).replace(b"(4, 3)", b"4, 3, ") + bytes(96),
-        npy_header((4, 3)).replace(b"(4, 3)", b"((((((") + bytes(96),
-        npy_header((4, 3)).replace(b"'<f8'", b"'|O' ") + bytes(96),
+        make_npy_header((4, 3)).replace(b"<f8", b"<q9") + bytes(96),
+        make_npy_header((4, 3)).replace(b"(4, 3)", b"(4, 3 ") + bytes(96),
+        make_npy_header((4, 3)).replace(b"(4, 3)", b"4, 3, ") + bytes(96),
+        make_npy_header((4, 3)).replace(b"(4, 3)", b"((((((") + bytes(96),
+        make_npy_header((4, 3)).replace(b"'<f8'", b"'|O' ") + bytes(96),
     ],
 )
 def test_npy_of_another_format_or_size_is_refused(tmp_path, content):
     path = write(tmp_path, "cloud.npy", content)
-    message = refused(path)
+    message = check_refused(path)
     assert message.count("cannot be read") == 1
     assert "write it with numpy.save" in message
     with pytest.raises(FileError, match="cannot be read"):
@@ -392,7 +394,7 @@ def test_npy_of_another_format_or_size_is_refused(tmp_path, content):
 
 @given(st.integers(0, 127), st.integers(0, 255))
 def test_damaged_npy_headers_are_refused(tmp_path_factory, at, byte):
-    content = bytearray(npy_header((4, 3)) + np.arange(12.0).tobytes())
+    content = bytearray(make_npy_header((4, 3)) + np.arange(12.0).tobytes())
     content[at] = byte
     path = write(tmp_path_factory.mktemp("npy"), "cloud.npy", bytes(content))
     with contextlib.suppress(FileError, GeometryError):
@@ -401,7 +403,7 @@ def test_damaged_npy_headers_are_refused(tmp_path_factory, at, byte):
 
 def test_ply_surfaces_other_than_faces_are_refused(tmp_path):
     path = write(tmp_path, "strips.ply", STRIPS)
-    assert "elements tristrips" in refused(path, GeometryError)
+    assert "elements tristrips" in check_refused(path, GeometryError)
     with pytest.raises(GeometryError, match="elements tristrips with lists, which may be surfaces"):
         Workspace.open(path, spacing=0.1)
 

@@ -10,7 +10,7 @@ from tests.maps import proven_paths
 MOVINGAI = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
 
 
-def pairs(path, height):
+def read_problems(path, height):
     """Read starts, goals and path lengths of problems."""
     rows = [line.split() for line in path.with_suffix(".map.scen").read_text().splitlines()[1:]]
     x0, y0, x1, y1 = np.array([row[-5:-1] for row in rows], dtype=int).T
@@ -25,7 +25,7 @@ def test_movingai_problems_are_connected(data, name):
     workspace = Workspace.from_movingai(path)
     fine = Workspace.from_array(np.repeat(np.repeat(workspace.outer, 3, axis=0), 3, axis=1), 1 / 3)
     space = cspace.build(fine, Robot.disc(0.01))
-    first, last, lengths = pairs(path, workspace.grid.shape[1])
+    first, last, lengths = read_problems(path, workspace.grid.shape[1])
     assert not workspace.outer[tuple(first.T)].any() and not workspace.outer[tuple(last.T)].any()
     steps = np.abs(first - last)
     assert (lengths >= steps.max(axis=1) + (np.sqrt(2) - 1) * steps.min(axis=1) - 0.02).all()

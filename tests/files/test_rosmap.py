@@ -38,7 +38,7 @@ def _write(folder: Path, pixels: Any, **changes: Any) -> Path:
     return folder / "map.yaml"
 
 
-def _column(path: Path, unknown: str = "occupied") -> list[bool]:
+def _read_column(path: Path, unknown: str = "occupied") -> list[bool]:
     """Return the cells of one row of pixels."""
     return Workspace.from_ros_map(path, unknown).outer[:, 0].tolist()
 
@@ -94,14 +94,14 @@ def test_the_image_is_found_from_any_working_folder(
     body = b"0 255\n" if magic == "P2" else bytes([0, 255])
     (tmp_path / "maps" / "images" / "m.pgm").write_bytes(f"{magic}\n# made by hand\n2 1\n255\n".encode() + body)
     monkeypatch.chdir(tmp_path)
-    assert _column(path.relative_to(tmp_path)) == [True, False]
+    assert _read_column(path.relative_to(tmp_path)) == [True, False]
 
 
 def test_an_absolute_image_name_is_followed_with_a_warning(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     path = _write(tmp_path, [[0, 255]], image=str(tmp_path / "map.png")).rename(tmp_path / "elsewhere" / "map.yaml")
     with pytest.warns(UserWarning, match="lies outside the folder"):
-        assert _column(path) == [True, False]
+        assert _read_column(path) == [True, False]
 
 
 def test_numbers_may_lack_a_dot(tmp_path: Path) -> None:

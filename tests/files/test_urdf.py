@@ -30,13 +30,13 @@ BASE = """
 """
 
 
-def written(folder, body=BASE, name="robot.urdf"):
+def write_urdf(folder, body=BASE, name="robot.urdf"):
     path = folder / name
     path.write_text(f'<?xml version="1.0"?><robot name="r">{body}</robot>')
     return path
 
 
-def pose(xyz, rpy):
+def make_pose(xyz, rpy):
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
     return matrix
@@ -55,9 +55,9 @@ def in_ball(radius):
 
 
 PARTS = [
-    (pose((0.1, 0, 0.2), (0.3, -0.2, 0.5)), in_box((0.6, 0.4, 0.2))),
-    (pose((-0.2, 0, 0.1), (1.2, 0, 0)), in_cylinder(0.15, 0.5)),
-    (pose((0, 0, 0.3), (0, 0, 1)) @ pose((0.2, 0.1, 0.1), (0, 0.4, 0)), in_ball(0.25)),
+    (make_pose((0.1, 0, 0.2), (0.3, -0.2, 0.5)), in_box((0.6, 0.4, 0.2))),
+    (make_pose((-0.2, 0, 0.1), (1.2, 0, 0)), in_cylinder(0.15, 0.5)),
+    (make_pose((0, 0, 0.3), (0, 0, 1)) @ make_pose((0.2, 0.1, 0.1), (0, 0.4, 0)), in_ball(0.25)),
 ]
 
 
@@ -70,7 +70,7 @@ def in_parts(points, parts):
 
 def test_the_fixed_base_agrees_with_its_primitives(tmp_path):
     with pytest.warns(UserWarning, match="wheel move against base and are omitted; to include them, name all links"):
-        robot = Robot.from_urdf(written(tmp_path))
+        robot = Robot.from_urdf(write_urdf(tmp_path))
     points = np.random.default_rng(0).uniform(-0.8, 0.9, (30_000, 3))
     truth, (outer, inner) = in_parts(points, PARTS), (robot.shape.outer, robot.shape.inner)
     assert truth.sum() > 800
@@ -82,7 +82,7 @@ def test_the_fixed_base_agrees_with_its_primitives(tmp_path):
 
 
 def test_links_are_placed_in_the_frame_of_the_first(tmp_path):
-    path = written(tmp_path)
+    path = write_urdf(tmp_path)
     wheels = Robot.from_urdf(path, ["base", "wheel"])
     assert wheels.shape.outer.bounds[1][1] == pytest.approx(0.425)
     assert Robot.open(f"{path}#base,wheel").shape.outer.bounds[1][1] == pytest.approx(0.425)
@@ -106,12 +106,12 @@ def test_mesh_files_are_found_by_every_kind_of_name(tmp_path):
         "../meshes/part.stl",
         f"file://{tmp_path}/my_robot/meshes/part.stl",
     ):
-        robot = Robot.from_urdf(written(tmp_path / "my_robot" / "urdf", body.replace("NAME", name)))
+        robot = Robot.from_urdf(write_urdf(tmp_path / "my_robot" / "urdf", body.replace("NAME", name)))
         assert np.allclose(robot.shape.outer.bounds, [[-0.7, -1.4, -0.1], [0.7, 1.4, 0.1]], atol=1e-6)
         assert robot.shape.outer is robot.shape.inner is robot.shape
         assert robot.shape.volume == pytest.approx(torus.volume, rel=1e-5)
     with pytest.raises(FileError, match=r"link 'l', collision 0: mesh package://no/part.stl: does not exist"):
-        Robot.from_urdf(written(tmp_path, body.replace("NAME", "package://no/part.stl")))
+        Robot.from_urdf(write_urdf(tmp_path, body.replace("NAME", "package://no/part.stl")))
 
 
 MESH = '<link name="l"><collision><geometry><mesh filename="NAME"/></geometry></collision></link>'
@@ -123,7 +123,7 @@ def write_box(path, side):
     return path
 
 
-def side_of(urdf, **options):
+def measure_side(urdf, **options):
     """Return the length of the mesh along x."""
     return Robot.from_urdf(urdf, **options).shape.outer.bounds[1][0] * 2
 
@@ -136,7 +136,7 @@ def cell(tmp_path, monkeypatch):
     folder = tmp_path / "ws" / "src" / "cell_description"
     write_box(folder / "meshes" / "link.stl", 9)
     (folder / "urdf").mkdir()
-    return written(folder / "urdf", MESH.replace("NAME", "package://arm_description/meshes/link.stl"))
+    return write_urdf(folder / "urdf", MESH.replace("NAME", "package://arm_description/meshes/link.stl"))
 
 
 def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_taken(tmp_path, monkeypatch, cell):
@@ -144,16 +144,16 @@ def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_t
     write_box(tmp_path / "ament" / "share" / mesh, 1)
     write_box(tmp_path / "ros" / mesh, 2)
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}/none:{tmp_path}/ament")
-    assert side_of(cell) == 1
+    assert measure_side(cell) == 1
     monkeypatch.setenv("ROS_PACKAGE_PATH", f":{tmp_path}/none:{tmp_path}/ros")
-    assert side_of(cell) == 2
+    assert measure_side(cell) == 2
     write_box(tmp_path / mesh, 3)
-    assert side_of(cell) == 3
+    assert measure_side(cell) == 3
     write_box(tmp_path / "ws" / "src" / mesh, 4)
-    assert side_of(cell) == 4
+    assert measure_side(cell) == 4
     write_box(given / mesh, 5)
-    assert side_of(cell, package_dirs=given) == side_of(cell, package_dirs=[str(given)]) == 5
-    assert side_of(cell, package_dirs=[tmp_path / "ament" / "share", given]) == 1
+    assert measure_side(cell, package_dirs=given) == measure_side(cell, package_dirs=[str(given)]) == 5
+    assert measure_side(cell, package_dirs=[tmp_path / "ament" / "share", given]) == 1
     assert Robot.open(cell, package_dirs=given).shape.outer.bounds[1][0] == 2.5
     assert Robot.open(cell, package_dirs=given).footprint().shape.outer.bounds[1][0] == pytest.approx(2.5)
 
@@ -162,16 +162,16 @@ def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_cou
     with pytest.warns(
         UserWarning, match=r"arm_description/meshes/link.stl from .*cell_description/meshes/link.stl"
     ) as heard:
-        assert side_of(cell) == 9
+        assert measure_side(cell) == 9
     assert [each.filename for each in heard] == [__file__]
     write_box(tmp_path / "ws" / "meshes" / "link.stl", 4)
     with pytest.raises(FileError, match=r"several files match .*: .*cell_desc.*/link.stl, .*/ws/meshes/link.stl"):
-        side_of(cell)
-    relative = written(cell.parent, MESH.replace("NAME", "meshes/link.stl"), "relative.urdf")
+        measure_side(cell)
+    relative = write_urdf(cell.parent, MESH.replace("NAME", "meshes/link.stl"), "relative.urdf")
     with pytest.raises(FileError, match="several files match"):
-        side_of(relative)
+        measure_side(relative)
     write_box(cell.parent / "meshes" / "link.stl", 3)
-    assert side_of(relative) == 3
+    assert measure_side(relative) == 3
 
 
 @refusals(
@@ -227,7 +227,7 @@ def test_the_shadow_of_a_mesh_lies_between_its_bounds():
     assert shapely.hausdorff_distance(outer.outline.boundary, inner.outline.boundary) < 1e-5
 
 
-def chain(count, kind="fixed", extra=""):
+def make_chain(count, kind="fixed", extra=""):
     """Return a chain of rotated boxes."""
     box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'
     links = "".join(f'<link name="l{k}">{box}</link>' for k in range(count))
@@ -242,7 +242,7 @@ def chain(count, kind="fixed", extra=""):
 def test_long_chains_are_placed_in_linear_time(tmp_path):
     seconds = {}
     for count in (100, 800):
-        path = written(tmp_path, chain(count))
+        path = write_urdf(tmp_path, make_chain(count))
         start = time.process_time()
         shape = Robot.from_urdf(path).shape
         seconds[count] = time.process_time() - start
@@ -258,7 +258,7 @@ def test_long_chains_are_placed_in_linear_time(tmp_path):
 )
 def test_mimic_joints_are_at_their_offset(tmp_path, kind, end):
     mimic = '<mimic joint="j0" offset="0.5"/>'
-    path = written(tmp_path, chain(3, kind, mimic).replace(mimic, "", 1).replace("0 0 2", "0 2 0"))
+    path = write_urdf(tmp_path, make_chain(3, kind, mimic).replace(mimic, "", 1).replace("0 0 2", "0 2 0"))
     shape = Robot.from_urdf(path, ["l1", "l2"]).shape
     center = shape.vertices[-8:].mean(axis=0)
     assert np.allclose(center[:2], end, atol=1e-12)
@@ -272,10 +272,10 @@ def test_boxes_and_cylinders_of_links_cannot_be_surfaces(tmp_path):
     """Open another mesh; the box keeps its inside."""
     trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "box.stl")
     mesh = '<collision><geometry><mesh filename="box.stl"/></geometry></collision>'
-    path = written(tmp_path, chain(2).replace("</link>", mesh + "</link>", 1))
+    path = write_urdf(tmp_path, make_chain(2).replace("</link>", mesh + "</link>", 1))
     with pytest.raises(InputError, match=r"solid is 'surface', and .* link 'l0', collision 0 is a box"):
         Robot.from_urdf(path, solid="surface")
-    alone = written(tmp_path, f'<link name="l">{mesh}</link>')
+    alone = write_urdf(tmp_path, f'<link name="l">{mesh}</link>')
     assert not Robot.from_urdf(alone, solid="surface").shape.contains([[0.0, 0.0, 0.0]]).any()
     assert Robot.from_urdf(alone).shape.contains([[0.0, 0.0, 0.0]]).all()
 
@@ -329,7 +329,7 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
 def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):
     (tmp_path / "x.stl").touch()
     with pytest.raises(error, match=message) as caught:
-        Robot.from_urdf(written(tmp_path, body))
+        Robot.from_urdf(write_urdf(tmp_path, body))
     assert "\n" not in str(caught.value)
 
 
@@ -341,7 +341,7 @@ def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):
     ('<!DOCTYPE robot [<!ENTITY a "b">]><robot name="&a;"/>', None, FileError, "declares an XML entity"),
 )
 def test_from_urdf_refuses_unknown_links_and_other_files(tmp_path, text, links, error, message):
-    path = written(tmp_path)
+    path = write_urdf(tmp_path)
     path.write_text(text or path.read_text())
     with pytest.raises(error, match=message):
         Robot.from_urdf(path, links)
@@ -350,7 +350,7 @@ def test_from_urdf_refuses_unknown_links_and_other_files(tmp_path, text, links, 
 def test_without_yourdfpy_the_error_names_the_extra(tmp_path):
     code = f"""
 try:
-    cspace.Robot.from_urdf({str(written(tmp_path))!r})
+    cspace.Robot.from_urdf({str(write_urdf(tmp_path))!r})
 except cspace.MissingPackageError as error:
     print(error)
 """

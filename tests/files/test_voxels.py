@@ -140,7 +140,7 @@ def agrees(path, tree):
     return expected
 
 
-def random_tree(octomap, seed, kind="OcTree"):
+def draw_tree(octomap, seed, kind="OcTree"):
     """Draw a tree of coarse and fine leaves."""
     rng = np.random.default_rng(seed)
     side = float(rng.choice([0.05, 0.1, 1.0]))
@@ -162,7 +162,7 @@ def random_tree(octomap, seed, kind="OcTree"):
 def test_octomaps_agree_with_the_library(tmp_path_factory, seed, kind):
     octomap = pytest.importorskip("octomap")
     folder = tmp_path_factory.mktemp("trees")
-    tree = random_tree(octomap, seed, kind)
+    tree = draw_tree(octomap, seed, kind)
     tree.write(os.fsencode(folder / "tree.ot"))
     agrees(folder / "tree.ot", tree)
     tree.writeBinary(os.fsencode(folder / "tree.bt"))
@@ -206,13 +206,13 @@ def test_a_real_octomap_agrees_with_the_library(data):
         assert occupied[tuple(cell)] == (state is True)
 
 
-def chain(length=16):
+def make_chain(length=16):
     """Return nodes of a tree with one occupied cell."""
     return b"\x03\x00" * (length - 1) + b"\x02\x00"
 
 
 def test_a_cell_lies_where_its_path_leads(tmp_path):
-    (tmp_path / "one.bt").write_bytes(BINARY.format(17).encode() + chain())
+    (tmp_path / "one.bt").write_bytes(BINARY.format(17).encode() + make_chain())
     grid, occupied, _ = read_octomap(tmp_path / "one.bt")
     assert grid.shape == (1, 1, 1)
     assert grid.lower == pytest.approx((-3276.8,) * 3)
@@ -232,17 +232,17 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     (b"", "is empty"),
     (b"hello\n", "begins with 'hello'"),
     (BINARY.format(17).encode()[:60], "no line 'data'"),
-    (BINARY.replace("OcTree\n", "CountingTree\n").format(17).encode() + chain(), "'CountingTree'"),
-    (BINARY.replace("id OcTree\n", "").format(17).encode() + chain(), "type ''"),
-    (BINARY.format("many").encode() + chain(), "size 'many'"),
-    (BINARY.format(-1).encode() + chain(), "size '-1'"),
-    (BINARY.replace("0.1", "nan").format(17).encode() + chain(), "res 'nan'"),
-    (BINARY.replace("0.1", "0").format(17).encode() + chain(), "res '0'"),
+    (BINARY.replace("OcTree\n", "CountingTree\n").format(17).encode() + make_chain(), "'CountingTree'"),
+    (BINARY.replace("id OcTree\n", "").format(17).encode() + make_chain(), "type ''"),
+    (BINARY.format("many").encode() + make_chain(), "size 'many'"),
+    (BINARY.format(-1).encode() + make_chain(), "size '-1'"),
+    (BINARY.replace("0.1", "nan").format(17).encode() + make_chain(), "res 'nan'"),
+    (BINARY.replace("0.1", "0").format(17).encode() + make_chain(), "res '0'"),
     (BINARY.format(0).encode(), "has no known cell"),
     (BINARY.format(17).encode(), "ends after 1 nodes but its header says 17"),
-    (BINARY.format(17).encode() + chain()[:9], "ends after 5 nodes but its header says 17"),
-    (BINARY.format(10).encode() + chain(), "holds 17 nodes but its header says 10"),
-    (BINARY.format(100).encode() + chain(), "holds 17 nodes but its header says 100"),
+    (BINARY.format(17).encode() + make_chain()[:9], "ends after 5 nodes but its header says 17"),
+    (BINARY.format(10).encode() + make_chain(), "holds 17 nodes but its header says 10"),
+    (BINARY.format(100).encode() + make_chain(), "holds 17 nodes but its header says 100"),
     (BINARY.format(1000).encode() + b"\xff" * 4000, "an inner node below level 16"),
     (BINARY.format(2).encode() + b"\x03\x00\x00\x00", "an inner node without children"),
     (BINARY.format(1).encode() + b"\xaa\xaa", "more nodes"),

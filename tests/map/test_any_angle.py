@@ -19,7 +19,7 @@ NARROW = 1e-6
 """Widening of free space in the oracle, and distance at which a segment touches a corner, in cells."""
 
 
-def oracle_length(free, start, goal):
+def find_shortest_length(free, start, goal):
     """Return the length of the shortest path by a visibility graph.
 
     The path may not pass through a corner that only two cells share.
@@ -55,7 +55,7 @@ def test_find_path_returns_the_shortest_path_through_free_cells(seed, share, blo
     start, goal = free[rng.integers(len(free), size=2)] + rng.choice([0.5, 0.1, 0.999], (2, 2))
     space = map_of(states, outside="blocked", spacing=0.25)
     path = space.find_path(0.25 * start, 0.25 * goal) / 0.25
-    expected = oracle_length(states == FREE, start, goal)
+    expected = find_shortest_length(states == FREE, start, goal)
     assert path_length(path) == pytest.approx(expected, rel=0.0, abs=1e-4)
     if len(path):
         assert (path[[0, -1]] == [start, goal]).all()

@@ -14,7 +14,7 @@ from tests import handmade
 from tests.strategies import seeds
 
 
-def chain_on(space, start, goal, closed=None):
+def find_chain(space, start, goal, closed=None):
     return open_chain(space._grid_kernel_map, space.rotations._neighbors, np.array(start), np.array(goal), closed)
 
 
@@ -47,7 +47,7 @@ def test_chains_have_the_fewest_mixed_cells(seed, kind, shuts):
     space = handmade.make_map(states, kind)
     endpoints = passable[rng.integers(len(passable), size=2)]
     start, goal = map(tuple, endpoints.tolist())
-    path = chain_on(space, *endpoints, closed if shuts else None)
+    path = find_chain(space, *endpoints, closed if shuts else None)
     expected = count_fewest_mixed(states, closed, start, goal, kind)
     if expected is None:
         assert path.shape == (0, states.ndim)
@@ -64,11 +64,11 @@ def test_chains_avoid_closed_cells():
     states = np.zeros((1, 3, 3, 3), dtype=np.uint8)
     space, closed = handmade.make_map(states, "space"), np.zeros(states.shape, dtype=bool)
     endpoints = (0, 0, 0, 0), (0, 2, 0, 0)
-    assert len(chain_on(space, *endpoints, closed)) == 3
+    assert len(find_chain(space, *endpoints, closed)) == 3
     closed[0, 1] = True
-    assert chain_on(space, *endpoints, closed).shape == (0, 4)
+    assert find_chain(space, *endpoints, closed).shape == (0, 4)
     closed[0, 1, 2, 2] = False
-    assert len(chain_on(space, *endpoints, closed)) == 11
+    assert len(find_chain(space, *endpoints, closed)) == 11
 
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
@@ -78,5 +78,5 @@ def test_chains_from_or_to_blocked_cells_are_empty(kind):
     space = handmade.make_map(states, kind)
     blocked, free = ((0, n, *[1] * (states.ndim - 2)) for n in (2, 0))
     for endpoints in ((blocked, free), (free, blocked), (blocked, blocked)):
-        assert chain_on(space, *endpoints).shape == (0, states.ndim)
-    assert len(chain_on(space, free, free)) == 1
+        assert find_chain(space, *endpoints).shape == (0, states.ndim)
+    assert len(find_chain(space, free, free)) == 1

@@ -14,16 +14,16 @@ from tests import handmade, oracles
 from tests.strategies import seeds
 
 
-def distance_to_cells(points, cells):
+def measure_distances(points, cells):
     """Return distances from points (n, d) to cells (m, d)."""
     return oracles.box_gaps(points[:, None], points[:, None], cells, cells + 1).min(axis=1, initial=math.inf)
 
 
-def distance_in_slices(states, points, slices):
+def measure_slice_distances(states, points, slices):
     """Return distances from points to cells of their slices."""
     blocked = [np.argwhere(part != FREE) for part in states]
     pairs = zip(points[:, None], slices % len(states), strict=True)  # a map of all rotations repeats its slices
-    return np.concatenate([distance_to_cells(point, blocked[s]) for point, s in pairs])
+    return np.concatenate([measure_distances(point, blocked[s]) for point, s in pairs])
 
 
 @st.composite
@@ -55,7 +55,7 @@ def test_clearance_is_the_distance_to_cells(kind, data, seed):
     )
     q = handmade.configurations(space, q)
     q[::5, :dim] = np.rint(q[::5, :dim])  # on borders of cells
-    expected = distance_in_slices(states, q[:, :dim], space.rotations._cells_of(q))
+    expected = measure_slice_distances(states, q[:, :dim], space.rotations._cells_of(q))
     expected[space.classify(q) != FREE] = 0.0
     np.testing.assert_allclose(space.clearance(q), expected, rtol=1e-9, atol=1e-6)
     assert (space.clearance(q) <= expected).all()
@@ -72,7 +72,7 @@ def test_clearance_counts_cells_outside_the_grid(data, seed):
     around = [cell for cell in handmade.cells_around(state, outside) if handmade.state_of(state, outside, cell) != FREE]
     cells = np.array(around).reshape(-1, state.ndim)
     q = np.random.default_rng(seed).uniform(-8.0, 16.0, (30, state.ndim))
-    expected = distance_to_cells(q, cells)
+    expected = measure_distances(q, cells)
     expected[space.classify(q) != FREE] = 0.0
     np.testing.assert_allclose(space.clearance(q), expected, rtol=1e-9, atol=1e-6)
 
@@ -177,4 +177,4 @@ def test_clearance_finds_a_single_cell_of_a_large_map():
     states[0, 2990, 3] = MIXED
     space = handmade.make_map(states, "plane", spacing=1.0)
     q = np.random.default_rng(0).uniform(0.0, 2500.0, (50, 2))
-    np.testing.assert_allclose(space.clearance(q), distance_to_cells(q, np.array([(2990, 3)])), rtol=1e-9)
+    np.testing.assert_allclose(space.clearance(q), measure_distances(q, np.array([(2990, 3)])), rtol=1e-9)

@@ -27,16 +27,16 @@ RINGS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3
 ONE_SLICE = np.zeros(1, dtype=np.int64)
 
 
-def ring(rotations):
+def make_ring(rotations):
     return (np.arange(rotations)[:, None] + [-1, 1]) % rotations
 
 
-def components(stack, slice_of=ONE_SLICE, exterior_open=False, blocks="as they are"):
+def make_components(stack, slice_of=ONE_SLICE, exterior_open=False, blocks="as they are"):
     with mock.patch.dict(BLOCK_SHIFTS, BLOCKS[blocks]):
-        return Components(read_only(stack), slice_of, ring(len(slice_of)), np.full(len(stack), exterior_open))
+        return Components(read_only(stack), slice_of, make_ring(len(slice_of)), np.full(len(stack), exterior_open))
 
 
-def random_stack(rng, dim, slices):
+def draw_stack(rng, dim, slices):
     shape = tuple(int(n) for n in rng.integers(1, (10 if dim == 3 else 15), dim))
     return rng.choice(3, (slices, *shape), p=rng.dirichlet([1.0, 1.0, 1.0])).astype(np.uint8)
 
@@ -53,7 +53,7 @@ def count_distinct(numbers):
     return np.count_nonzero(np.diff(np.sort(numbers, axis=None))) + 1
 
 
-def all_cells(stack, rotations, around=2):
+def list_cells_around(stack, rotations, around=2):
     axes = [np.arange(rotations), *(np.arange(-around, n + around) for n in stack.shape[1:])]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, stack.ndim)
 
@@ -83,9 +83,9 @@ def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
     """Query few cells first, so that caches hold few labels."""
     dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
-    stack = random_stack(rng, dim, slices)
+    stack = draw_stack(rng, dim, slices)
     exterior_open, slice_of = rng.random(slices) < 0.5, np.arange(rotations) % slices
-    labels, cells = components(stack, slice_of, exterior_open, blocks), all_cells(stack, rotations)
+    labels, cells = make_components(stack, slice_of, exterior_open, blocks), list_cells_around(stack, rotations)
     for _ in range(4):
         with mock.patch("cspace.map.components.BLOCKS_PER_TASK", task):
             for mixed, count in itertools.product((False, True), (3, 9)):
@@ -108,9 +108,9 @@ def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
 def test_box_encloses_its_component(seed, kind, blocks):
     dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
-    stack = random_stack(rng, dim, slices)
-    labels = components(stack, np.arange(rotations) % slices, blocks=blocks)
-    cells = all_cells(stack, rotations, 0)
+    stack = draw_stack(rng, dim, slices)
+    labels = make_components(stack, np.arange(rotations) % slices, blocks=blocks)
+    cells = list_cells_around(stack, rotations, 0)
     free = labels.of(cells)
     # Rotation cells that share a slice have the same components.
     for cell, component in list(zip(cells[free >= 0], free[free >= 0], strict=True))[:20]:
@@ -121,8 +121,8 @@ def test_box_encloses_its_component(seed, kind, blocks):
 @pytest.mark.parametrize("blocks", BLOCKS)
 def test_chessboard_has_a_component_per_free_cell(blocks):
     state = (np.indices((150, 140)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)  # a chessboard
-    labels = components(state[None], exterior_open=True, blocks=blocks)
-    cells = all_cells(state[None], 1, 0)
+    labels = make_components(state[None], exterior_open=True, blocks=blocks)
+    cells = list_cells_around(state[None], 1, 0)
     free, passable = labels.of(cells), labels.of(cells, mixed=True)
     assert len(np.unique(free)) - 1 == np.count_nonzero(state == FREE)
     assert len(np.unique(passable)) - 1 < np.count_nonzero(state == FREE)  # the exterior joins the cells at the border
@@ -143,8 +143,8 @@ def test_labels_of_large_shapes_equal_those_of_scipy(kind, grain):
     for share in (0.1, 0.4, 0.7):
         noise = ndimage.gaussian_filter(rng.random((slices, *shape)), (0, *[grain] * dim))
         stack = np.digitize(noise, np.quantile(noise, [share, share + 0.1])).astype(np.uint8)
-        exterior_open, cells = np.zeros(slices, dtype=bool), all_cells(stack, rotations, 1)
-        labels = components(stack, np.arange(rotations))
+        exterior_open, cells = np.zeros(slices, dtype=bool), list_cells_around(stack, rotations, 1)
+        labels = make_components(stack, np.arange(rotations))
         for mixed, other in enumerate(label_with_scipy(stack, np.arange(rotations), exterior_open, cells)):
             assert_same_partition(labels.of(cells, bool(mixed)), other)
 
@@ -152,7 +152,7 @@ def test_labels_of_large_shapes_equal_those_of_scipy(kind, grain):
 def test_one_cell_opens_and_closes_a_wall():
     state = np.zeros((300, 200), dtype=np.uint8)
     state[150] = BLOCKED
-    labels = components(state[None])
+    labels = make_components(state[None])
     cells = np.array([[0, x, 20] for x in (3, 290)])
     for fill, expected in ((FREE, (1, 1)), (BLOCKED, (2, 2)), (MIXED, (2, 1)), (FREE, (1, 1))):
         state[150, 77] = fill
@@ -167,12 +167,12 @@ def test_hint_guesses_that_a_room_is_closed():
     cells = np.array([[3, 15, 15], [5, 2, 2]])
     for outside in ([], [[5, -9, 2]]):
         for one, other in itertools.product([cells[0], cells[0] - [2, 0, 1]], [cells[1], *np.array(outside)]):
-            labels = components(stack, np.arange(16), exterior_open=True)
+            labels = make_components(stack, np.arange(16), exterior_open=True)
             assert labels.hint(np.array([one, other]))[0]
             assert labels.hint(np.array([other, one]))[0]
             assert not labels.hint(np.array([one, one]))[0]
             assert not labels.hint(np.array([other, other]))[0]
-    assert not components(stack[:15], np.arange(15)).hint(cells)[0]
+    assert not make_components(stack[:15], np.arange(15)).hint(cells)[0]
     stack[3, 20, 15] = MIXED  # in a slice that the hint skips
     assert labels.hint(cells)[0]
     assert len(np.unique(labels.of(cells, mixed=True))) == 1
@@ -180,7 +180,7 @@ def test_hint_guesses_that_a_room_is_closed():
     labels.of(cells)
     assert not labels.hint(cells)[0]
     stack[4, 20, 15] = MIXED
-    assert not components(stack, np.arange(16)).hint(cells)[0]
+    assert not make_components(stack, np.arange(16)).hint(cells)[0]
 
 
 @settings(max_examples=60)
@@ -189,15 +189,15 @@ def test_block_path_joins_only_joined_cells(seed, kind, blocks):
     dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
     stack, exterior_open, slice_of = (
-        random_stack(rng, dim, slices),
+        draw_stack(rng, dim, slices),
         rng.random(slices) < 0.5,
         np.arange(rotations) % slices,
     )
-    cells = all_cells(stack, rotations)
+    cells = list_cells_around(stack, rotations)
     expected = label_with_scipy(stack, slice_of, exterior_open, cells)[1]
     with mock.patch.multiple("cspace.map.components", HINT_SLICES=1, MIN_BLOCKS_PER_PATH_BLOCK=0):
         for one, other in rng.integers(0, len(cells), (8, 2)):
-            joined_along_path = components(stack, slice_of, exterior_open, blocks).hint(cells[[one, other]])[1]
+            joined_along_path = make_components(stack, slice_of, exterior_open, blocks).hint(cells[[one, other]])[1]
             assert not joined_along_path() or expected[one] == expected[other] >= 0
 
 
@@ -208,17 +208,17 @@ def test_block_path_proves_that_mixed_cells_join(min_blocks, monkeypatch):
     stack = np.zeros((16, 700, 600), dtype=np.uint8)
     stack[:, 350] = BLOCKED
     cells = np.array([[0, 20, 30], [7, 690, 500]])
-    assert components(stack, np.arange(16)).hint(cells)[0]
-    labels = components(stack, np.arange(16), exterior_open=True)
+    assert make_components(stack, np.arange(16)).hint(cells)[0]
+    labels = make_components(stack, np.arange(16), exterior_open=True)
     apart, joined_along_path = labels.hint(cells)
     assert not apart and joined_along_path() and joined_along_path()
     assert labels.hint(cells)[0]
     for slices, joined in (([4, 5], True), ([4], True), ([], False)):
         stack[:, 350, 200] = BLOCKED
         stack[slices, 350, 200] = MIXED
-        assert components(stack, np.arange(16)).hint(cells)[1]() is (joined and min_blocks == 0)
+        assert make_components(stack, np.arange(16)).hint(cells)[1]() is (joined and min_blocks == 0)
     stack[4, 350, 200], stack[8, 349, 200], stack[4, 349, 200] = MIXED, MIXED, BLOCKED
-    assert not components(stack, np.arange(16)).hint(cells)[1]()  # merged slices are open, but no single one is
+    assert not make_components(stack, np.arange(16)).hint(cells)[1]()  # merged slices are open, but no single one is
 
 
 # ---- queries of maps -------------------------------------------------------------------------------------------------
@@ -293,7 +293,7 @@ def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
 
 
-def wall_with_gap(gap, outside="blocked"):
+def build_wall(gap, outside="blocked"):
     """Build a room with a wall and a gap."""
     occupied = np.zeros((40, 20), dtype=bool)
     occupied[20, gap:] = True
@@ -301,18 +301,18 @@ def wall_with_gap(gap, outside="blocked"):
 
 
 def test_door_width_decides_connectivity():
-    assert wall_with_gap(12).is_connected((1.0, 1.0), (3.0, 1.0))
-    assert wall_with_gap(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
-    assert proven_paths(wall_with_gap(5), (1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
+    assert build_wall(12).is_connected((1.0, 1.0), (3.0, 1.0))
+    assert build_wall(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
+    assert proven_paths(build_wall(5), (1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
 
 
 def test_free_exterior_leaves_connectivity_undecided():
-    assert proven_paths(wall_with_gap(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
-    assert wall_with_gap(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
+    assert proven_paths(build_wall(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
+    assert build_wall(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
 
 
 def test_blocked_configurations_are_disconnected():
-    space = wall_with_gap(12)
+    space = build_wall(12)
     assert space.is_disconnected((2.05, 1.8), (2.05, 1.8))
     assert space.is_disconnected((1.0, 1.0), (-5.0, 1.0))
     assert space.is_connected((1.0, 1.0), (1.0, 1.0))
@@ -345,7 +345,7 @@ def test_rotations_in_place_wrap_around():
 
 
 def test_connectivity_broadcasts_and_refuses_nan():
-    space = wall_with_gap(12)
+    space = build_wall(12)
     assert proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
     assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
     with pytest.raises(InputError, match=r"q0 number 0 is .*nan"):

@@ -206,7 +206,7 @@ endpoints = st.tuples(coordinates, coordinates, coordinates, yaws)
 blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3), max_size=16)
 
 
-def configuration(end, borders, shape):
+def resolve_configuration(end, borders, shape):
     """Return a drawn configuration as floats."""
     *position, yaw = end
     return (*(value * n / SIDE for value, n in zip(position, shape, strict=False)), resolve_yaw(yaw, borders))
@@ -228,7 +228,7 @@ def configuration(end, borders, shape):
 def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(rotations, closed, start, end, shape):
     space = map_free_except(closed, rotations, shape)
     boundaries = space.rotations.borders
-    q0, q1 = configuration(start, boundaries, shape), configuration(end, boundaries, shape)
+    q0, q1 = resolve_configuration(start, boundaries, shape), resolve_configuration(end, boundaries, shape)
     walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
     answer = space.motion_is_free(q0, q1)
     assert answer == space.motion_is_free(q1, q0) == space.edge_checker()(*q0, *q1)
@@ -244,7 +244,7 @@ def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(rotations
 def test_edges_test_exactly_the_touched_cells(rotations, start, end, shape):
     """Block all cells off the edge, then each on it."""
     boundaries = Rotations.of(rotations).borders
-    q0, q1 = configuration(start, boundaries, shape), configuration(end, boundaries, shape)
+    q0, q1 = resolve_configuration(start, boundaries, shape), resolve_configuration(end, boundaries, shape)
     walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
     state = np.full((len(boundaries) - 1, *shape), MIXED, dtype=np.uint8)
     for cell in oracles.touched_turned_cells(*walk, slack=1e-8):

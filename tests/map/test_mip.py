@@ -33,28 +33,28 @@ def unpack_rows(words, which):
     return bits.reshape(slices, 1, -1, bits.shape[-1])
 
 
-def index_set(bits):
+def collect_indices(bits):
     """Return indices of non-zero elements as tuples."""
     return set(map(tuple, np.argwhere(bits).tolist()))
 
 
 def check(pyramid, stack, cells):
     """Fail unless all levels agree with the states."""
-    expected = index_set(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE)
+    expected = collect_indices(stack.reshape(len(stack), *(1,) * (4 - stack.ndim), *stack.shape[1:]) != FREE)
     assert bool(pyramid.cells.size) == cells
     if cells:
         plane = pyramid.blocks.shape[-1] == 1
         bits = unpack_rows(pyramid.cells, slice(0, BLOCK_SIDE)) if plane else unpack(pyramid.cells)
-        assert index_set(bits) == expected
+        assert collect_indices(bits) == expected
     nodes = pyramid.nodes.view(np.uint8)
     for bits in (unpack(pyramid.blocks), nodes):
         expected = {(s, *(n // BLOCK_SIDE for n in position)) for s, *position in expected}
-        assert index_set(bits) == expected
+        assert collect_indices(bits) == expected
         if cells and plane and bits is not nodes:
-            assert index_set(unpack_rows(pyramid.cells, slice(BLOCK_SIDE, ROWS_PER_BLOCK_ROW))) == expected
+            assert collect_indices(unpack_rows(pyramid.cells, slice(BLOCK_SIDE, ROWS_PER_BLOCK_ROW))) == expected
 
 
-def random_box(part, rng):
+def draw_box(part, rng):
     """Draw a window of a slice, possibly empty, and its corners."""
     corners = np.sort(rng.integers(0, part.shape, (2, part.ndim)), axis=0)
     if rng.random() < 0.2:
@@ -87,7 +87,7 @@ def test_pyramid_marks_cells_that_are_not_free_after_changes(dim, seed, changes,
         for _ in range(changes):
             boxes = []
             for part in stack:
-                where, box = random_box(part, rng)
+                where, box = draw_box(part, rng)
                 part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
                 boxes.append(box)
             write()

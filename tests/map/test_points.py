@@ -41,7 +41,7 @@ def space(request):
     return cspace.build(workspace, robot, rotations=turns.get(request.param), counts=True)
 
 
-def somewhere(space):
+def make_configuration(space):
     """Return a configuration in the grid."""
     return [0.0, 3.0, 0.1][: space.grid.dim] + {0: [], 1: [0.7], 4: [0.0, 0.6, 0.0, -0.8]}[len(space.rotations.names)]
 
@@ -52,7 +52,7 @@ QUERIES = ["classify", "is_free", "clearance", "overlap_count", "contains_robot"
 
 
 def test_one_configuration_returns_a_python_number(space):
-    q = somewhere(space)
+    q = make_configuration(space)
     types = {"classify": int, "is_free": bool, "clearance": float, "overlap_count": int, "contains_robot": bool}
     assert {name: type(getattr(space, name)(q)) for name in QUERIES} == types
     assert type(space.motion_is_free(q, q)) is bool
@@ -61,15 +61,15 @@ def test_one_configuration_returns_a_python_number(space):
     assert type(space.edge_checker()(*q, *q)) is bool
 
 
-def with_value(q, axis, value):
+def replace_value(q, axis, value):
     return [*q[:axis], value, *q[axis + 1 :]]
 
 
 @refusals(
     "change, message",
-    (lambda q: with_value(q, 0, np.nan), "nan"),
-    (lambda q: with_value(q, 1, np.inf), "inf"),
-    (lambda q: with_value(q, len(q) - 1, -np.inf), "-inf"),
+    (lambda q: replace_value(q, 0, np.nan), "nan"),
+    (lambda q: replace_value(q, 1, np.inf), "inf"),
+    (lambda q: replace_value(q, len(q) - 1, -np.inf), "-inf"),
     (lambda q: np.ma.array(q, mask=np.arange(len(q)) == 0), "1 masked"),
     (lambda q: q[:-1], "axis must be|shape"),
     (lambda q: [*q, 0.0], "axis must be|shape "),
@@ -77,7 +77,7 @@ def with_value(q, axis, value):
     (lambda q: "home", "numeric|number"),
 )
 def test_queries_refuse_invalid_configurations(space, change, message):
-    q = somewhere(space)
+    q = make_configuration(space)
     wrong = change(q)
     for name in (*QUERIES, "nearest_free"):
         with pytest.raises(InputError, match=message):
@@ -92,8 +92,8 @@ def test_queries_refuse_invalid_configurations(space, change, message):
 
 @pytest.mark.parametrize("far", [1.01 * MAX_ANGLE, -2 * MAX_ANGLE])
 def test_queries_refuse_huge_rotations_and_accept_any_position(space, far):
-    q = somewhere(space)
-    wrong = with_value(q, len(q) - 1, far)
+    q = make_configuration(space)
+    wrong = replace_value(q, len(q) - 1, far)
     queries = [getattr(space, name) for name in QUERIES]
     queries += [lambda q: space.is_free_around(q, 0.1, 0.1), lambda wrong: space.motion_is_free(q, wrong)]
     queries += [lambda wrong: space.is_connected(wrong, q)]
@@ -108,7 +108,7 @@ def test_queries_refuse_huge_rotations_and_accept_any_position(space, far):
 @pytest.mark.parametrize(("distance", "angle"), [(-0.1, 0.0), (0.1, -1e-9), (math.nan, 0.0), (0.0, math.inf)])
 def test_is_free_around_refuses_invalid_distances_and_angles(space, distance, angle):
     with pytest.raises(InputError):
-        space.is_free_around(somewhere(space), distance, angle)
+        space.is_free_around(make_configuration(space), distance, angle)
 
 
 def test_queries_name_the_invalid_configuration_of_a_batch(space):

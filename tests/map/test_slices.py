@@ -18,7 +18,7 @@ from tests import oracles
 from tests.strategies import robots
 
 
-def rotation(yaw):
+def make_matrix(yaw):
     return np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
 
 
@@ -32,7 +32,7 @@ def test_permuted_quarter_turns_equal_fresh_rasters(robot, count, margin):
     rasters = slice_rasters(robot, 0.17, margin, cells)
     rotations = zip(cells.centers[:, 0].tolist(), cells.covering_angles.tolist(), strict=True)
     for pair, (yaw, covering_angle) in zip(rasters, rotations, strict=False):
-        fresh = robot.rasters(0.17, margin, RotationCell(rotation(yaw), covering_angle, about_z=True))
+        fresh = robot.rasters(0.17, margin, RotationCell(make_matrix(yaw), covering_angle, about_z=True))
         assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 

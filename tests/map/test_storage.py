@@ -24,7 +24,7 @@ def draw_workspace(shape):
     return Workspace.from_array(occupied, 0.1)
 
 
-def wedge():
+def make_wedge():
     """Build a robot without symmetries."""
     parts = [trimesh.creation.box((0.4, 0.1, 0.1)), trimesh.creation.box((0.1, 0.1, 0.3))]
     parts[1].apply_translation((0.15, 0.03, 0.2))
@@ -35,8 +35,8 @@ TRIANGLE = Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])  # without symmetries
 MAPS = {
     "SE(2)": lambda: (draw_workspace((21, 35)), TRIANGLE, 9),
     "SE(2), quarter turns": lambda: (draw_workspace((13, 70)), TRIANGLE, 12),
-    "R^3 x yaw": lambda: (draw_workspace((11, 9, 13)), wedge(), 8),
-    "SE(3)": lambda: (draw_workspace((11, 9, 13)), wedge(), Rotations.quaternions(2)),
+    "R^3 x yaw": lambda: (draw_workspace((11, 9, 13)), make_wedge(), 8),
+    "SE(3)": lambda: (draw_workspace((11, 9, 13)), make_wedge(), Rotations.quaternions(2)),
 }
 
 

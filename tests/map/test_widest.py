@@ -29,7 +29,7 @@ WIDEST_SPACES = ("plane", "space", "turning", "yawing")
 WIDEST_TURNS = {"turning": 5, "yawing": 4}
 
 
-def random_map(name: str, rng: np.random.Generator) -> CSpace:
+def draw_map(name: str, rng: np.random.Generator) -> CSpace:
     """Draw a small map with some MIXED cells."""
     cells = tuple((rng.integers(3, 9, 2) if name in ("plane", "turning") else rng.integers(2, 5, 3)).tolist())
     shape = (WIDEST_TURNS[name], *cells) if name in WIDEST_TURNS else cells
@@ -44,7 +44,7 @@ def make_widest(space: CSpace) -> widest.Widest:
     )
 
 
-def cell_centers(space: CSpace) -> np.ndarray:
+def list_cell_centers(space: CSpace) -> np.ndarray:
     """Return the centers of all cells."""
     cells = np.ones((len(space.rotations), *space.grid.shape), dtype=bool)
     return np.asarray(handmade.cell_centers(space, handmade.all_cells(cells)))
@@ -65,7 +65,7 @@ def link_wide_cells(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
 
 def find_bottleneck(space: CSpace, start: int, goal: int) -> float:
     """Return the largest minimum clearance of a chain, or 0."""
-    clearances = np.asarray(space.clearance(cell_centers(space)))
+    clearances = np.asarray(space.clearance(list_cell_centers(space)))
 
     def is_too_wide(min_clearance: float) -> bool:
         wide = clearances >= min_clearance
@@ -89,8 +89,8 @@ def compute_length(space: CSpace, path: np.ndarray) -> float:
 @given(seeds)
 def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    space = random_map(name, rng)
-    points, cells = cell_centers(space), list(np.ndindex(len(space.rotations), *space.grid.shape))
+    space = draw_map(name, rng)
+    points, cells = list_cell_centers(space), list(np.ndindex(len(space.rotations), *space.grid.shape))
     levels_map = make_widest(space)
     clearances = np.asarray(space.clearance(points))
     levels = levels_map.levels[levels_map.slice_of].ravel()

@@ -24,7 +24,7 @@ ROBOT: tuple[int, ...] = (0x3F, 0xB7, 0x95)
 PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 
-def frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
+def read_frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
     """Return pixels, milliseconds and number of loops."""
     pixels, times = [], []
     with Image.open(file) as image:
@@ -35,7 +35,7 @@ def frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
         return pixels, times, image.info["loop"]
 
 
-def middle(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDArray[np.float64]:
+def find_patch(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDArray[np.float64]:
     """Return the center of the largest patch of a colour.
 
     It is a column and a row, from the bottom.
@@ -48,14 +48,14 @@ def middle(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDArray[
 def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
     file = animate(turning, PATH, tmp_path / "drive.gif", seconds=1, rate=5, progress=lambda *call: calls.append(call))
-    pixels, times, loop = frames(file)
+    pixels, times, loop = read_frames(file)
     assert len(pixels) == 6
     assert times == [200] * 5 + [1200]
     assert loop == 0
     assert calls == [(number, 6) for number in range(1, 7)]
     assert len({frame.shape for frame in pixels}) == 1
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.gif"]
-    way = np.array([middle(frame) for frame in pixels])
+    way = np.array([find_patch(frame) for frame in pixels])
     # The robot moves up, then right; both axes have the same scale.
     scale = (way[-1] - way[0]) / np.subtract(PATH[-1], PATH[0])[:2]
     assert scale[0] == pytest.approx(scale[1], rel=0.03)
@@ -69,7 +69,7 @@ def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) ->
 PURPLE = (0x6A, 0x1B, 0x9A)
 
 
-def greens(frame: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def mask_green(frame: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return a mask of the green pixels above the legend.
 
     A robot is green in any light.
@@ -81,7 +81,7 @@ def greens(frame: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def center(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
-    return np.argwhere(greens(frame)).mean(axis=0)
+    return np.argwhere(mask_green(frame)).mean(axis=0)
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> 
     calls: list[tuple[int, int]] = []
     path = [(0.6, 1.0, 0.4, 0.0), (0.6, 1.0, 1.5, 1.0), (3.4, 1.0, 1.5, 1.0)]
     view: dict[str, Any] = {"camera": (0.0, -90.0), "seconds": 1, "progress": lambda *call: calls.append(call)}
-    pixels, times, _ = frames(animate(tunnel, path, tmp_path / "fly.gif", rate=4, **view))
+    pixels, times, _ = read_frames(animate(tunnel, path, tmp_path / "fly.gif", rate=4, **view))
     assert len(pixels) == 5 and calls == [(number, 5) for number in range(1, 6)] and times[-1] == 1200
     rows, columns = np.array([center(frame) for frame in pixels]).T
     # Seen from the side, the robot moves up, then right; both axes have the same scale.
@@ -111,7 +111,7 @@ def test_wall_hides_the_robot_behind_it(tunnel: CSpace, tmp_path: Path) -> None:
     path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
     for number, azimuth in enumerate((0.0, 180.0)):
         file = animate(tunnel, path, tmp_path / f"{number}.gif", camera=(0.0, azimuth), seconds=0.2, rate=5)
-        shown = [int(greens(frame).sum()) for frame in frames(file)[0]]
+        shown = [int(mask_green(frame).sum()) for frame in read_frames(file)[0]]
         assert shown[number] < 0.2 * shown[1 - number]
 
 
@@ -120,9 +120,9 @@ def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
     arm = build_arm_space({"post": posed_box((0.2, 0.2, 0.6), 1.6, -1.6)}, Arm.from_urdf(planar(tmp_path)))
     plan = planners.plan(arm, (0.0, 0.0), (1.5, 0.0), time_limit=20)
     plan.animate(tmp_path / "arm.gif", camera=(90.0, -90.0), seconds=0.8, rate=5)
-    pixels = frames(tmp_path / "arm.gif")[0]
+    pixels = read_frames(tmp_path / "arm.gif")[0]
     assert len(pixels) == 5
-    first, last = greens(pixels[0]), greens(pixels[-1])
+    first, last = mask_green(pixels[0]), mask_green(pixels[-1])
     spans = [np.ptp(np.argwhere(shown), axis=0) for shown in (first, last)]
     assert spans[0][1] > 3 * spans[0][0] and spans[1][0] > 3 * spans[1][1]  # along x, then along y
     assert (first & last).any()
@@ -134,17 +134,17 @@ def test_animate_draws_plans_and_robots_at_rest(flat: CSpace, tmp_path: Path) ->
     class WithPath:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
 
-    pixels, _, _ = frames(animate(flat, WithPath(), tmp_path / "drive.gif", seconds=1, rate=2))
-    assert (middle(pixels[-1]) - middle(pixels[0]) > 50).all() and len(pixels) == 3
+    pixels, _, _ = read_frames(animate(flat, WithPath(), tmp_path / "drive.gif", seconds=1, rate=2))
+    assert (find_patch(pixels[-1]) - find_patch(pixels[0]) > 50).all() and len(pixels) == 3
     for number, path in enumerate([[(2, 3)], [(2, 3), (2, 3)]]):
-        assert len(frames(animate(flat, path, tmp_path / f"{number}.gif"))[0]) == 1
+        assert len(read_frames(animate(flat, path, tmp_path / f"{number}.gif"))[0]) == 1
 
 
 def test_trajectories_are_animated_at_true_speed(flat: CSpace, tmp_path: Path) -> None:
     trajectory = planners.plan(flat, (1.0, 2.5), (7.0, 2.5)).trajectory(max_velocity=100.0, max_acceleration=6.0)
-    pixels, times, _ = frames(animate(flat, trajectory, tmp_path / "drive.gif", rate=5))
+    pixels, times, _ = read_frames(animate(flat, trajectory, tmp_path / "drive.gif", rate=5))
     assert trajectory.duration == pytest.approx(2.0) and times == [200] * 10 + [1200]
-    way = np.array([middle(frame)[0] for frame in pixels])
+    way = np.array([find_patch(frame)[0] for frame in pixels])
     shares = trajectory.sample(0.2 * np.arange(11))[0][:, 0] / 6.0 - 1.0 / 6.0  # the first half accelerates
     np.testing.assert_allclose((way - way[0]) / (way[-1] - way[0]), shares, atol=0.02)
 
@@ -168,7 +168,7 @@ def test_animate_draws_maps_of_any_shape(shape: tuple[int, int], tmp_path: Path)
         Workspace.from_array(np.zeros(shape, bool), 0.1), Robot.rectangle(0.02, 0.01), rotations=4, outside="free"
     )
     file = animate(space, [(0, 0, 0), (*np.multiply(shape, 0.1), 3)], tmp_path / "a.gif", seconds=0.3)
-    pixels, _, _ = frames(file)
+    pixels, _, _ = read_frames(file)
     assert max(pixels[0].shape) < 1200
     assert min(pixels[0].shape[:2]) > 150
 

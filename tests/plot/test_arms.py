@@ -35,7 +35,7 @@ def test_animation_of_a_joint_map_is_in_radians(space: cspace.ArmSpace) -> None:
     assert labels == {"shoulder (rad)", "elbow (rad)", ""}
 
 
-def painted(ax: Any, color: str) -> Any:
+def collect_polygons(ax: Any, color: str) -> Any:
     """Return polygons (n, 4, 3) in shades of a colour."""
     (collection,) = ax.collections
     shades, hue = collection._facecolor3d[:, :3], np.array(to_rgb(color))
@@ -45,19 +45,22 @@ def painted(ax: Any, color: str) -> Any:
 
 def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) -> None:
     ax = space.plot(q=(0.0, np.pi / 2))
-    arm = painted(ax, ROBOT_FILL_COLOR).reshape(-1, 3)
+    arm = collect_polygons(ax, ROBOT_FILL_COLOR).reshape(-1, 3)
     np.testing.assert_allclose(
         [arm.min(axis=0), arm.max(axis=0)], [(-0.025, -0.05, -0.225), (1.05, 1.0, 0.05)], atol=1e-9
     )
-    block = painted(ax, SURFACES["obstacles"][1]).reshape(-1, 3)
+    block = collect_polygons(ax, SURFACES["obstacles"][1]).reshape(-1, 3)
     np.testing.assert_allclose([block.min(axis=0), block.max(axis=0)], [(-0.6, 0.9, -0.5), (-0.2, 1.1, 0.5)], atol=1e-9)
-    assert not len(painted(ax, GHOST_COLOR))
+    assert not len(collect_polygons(ax, GHOST_COLOR))
     assert ax.get_figure().get_suptitle() == "small"
 
 
 def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None:
     ax = space.plot(path=PATH_OF_JOINTS, title="on its way", legend=False)
-    shown, pale = painted(ax, ROBOT_FILL_COLOR).reshape(-1, 3), painted(ax, GHOST_COLOR).reshape(-1, 3)
+    shown, pale = (
+        collect_polygons(ax, ROBOT_FILL_COLOR).reshape(-1, 3),
+        collect_polygons(ax, GHOST_COLOR).reshape(-1, 3),
+    )
     tip_positions = [np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b), 0.0]) for a, b in PATH_OF_JOINTS]
     assert np.linalg.norm(shown[:, np.newaxis] - tip_positions[2], axis=-1).min() < 0.08
     for q in interpolate_joints(np.array(PATH_OF_JOINTS), np.arange(GHOST_COUNT) / GHOST_COUNT):
@@ -66,24 +69,26 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
     (line,) = ax.lines
     center = np.array([np.cos(0.0) + 0.5, 0.0, 0.0])
     np.testing.assert_allclose(np.array(line.get_data_3d())[:, 0], center, atol=1e-9)
-    assert len(painted(ax, PATH_COLOR))
+    assert len(collect_polygons(ax, PATH_COLOR))
     assert ax.get_figure().get_suptitle() == "on its way"
 
 
 def test_edges_blocked_by_another_scene_have_their_own_colour(space: cspace.ArmSpace) -> None:
     plan = planners.plan(space, (0.0, 0.0), (1.2, 0.0), seed=1)
-    assert plan.certified and not len(painted(space.plot(path=plan), LOST_COLOR))
+    assert plan.certified and not len(collect_polygons(space.plot(path=plan), LOST_COLOR))
     block = posed_box((0.1, 0.1, 0.1), 1.9 * np.cos(0.6), 1.9 * np.sin(0.6))
     again = cspace.build_arm_space({"box": block}, space.arm)
     assert not plan.recheck(again).all()
     ax = again.plot(path=plan)
-    assert len(painted(ax, LOST_COLOR))
+    assert len(collect_polygons(ax, LOST_COLOR))
     assert "path, no longer proven free" in [text.get_text() for text in ax.get_figure().legends[0].get_texts()]
 
 
 def test_floor_is_clipped_near_the_arm(space: cspace.ArmSpace) -> None:
     floor = posed_box((100.0, 100.0, 0.1), 0.0, 0.0, -1.0)
-    drawn = painted(cspace.build_arm_space({"floor": floor}, space.arm).plot(), SURFACES["obstacles"][1]).reshape(-1, 3)
+    drawn = collect_polygons(
+        cspace.build_arm_space({"floor": floor}, space.arm).plot(), SURFACES["obstacles"][1]
+    ).reshape(-1, 3)
     assert np.ptp(drawn, axis=0).max() < 6.0
     assert drawn[:, 2].max() == pytest.approx(-0.95)
 
@@ -94,7 +99,7 @@ def test_plans_draw_themselves(space: cspace.ArmSpace) -> None:
     figure = Figure()
     ax = figure.add_subplot(projection="3d")
     assert plan.plot(ax=ax) is ax
-    assert len(painted(ax, GHOST_COLOR))
+    assert len(collect_polygons(ax, GHOST_COLOR))
 
 
 @refusals(

@@ -30,7 +30,7 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
 
 
 @cache
-def axes() -> Any:
+def make_axes() -> Any:
     """Return axes without text."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -42,9 +42,9 @@ def axes() -> Any:
     return ax
 
 
-def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:
+def draw_cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:
     """Draw cells; return the axes and their pixels."""
-    ax = axes()
+    ax = make_axes()
     ax.figure.set_size_inches(size[0] / 100, size[1] / 100)
     for image in ax.images:
         image.remove()
@@ -70,7 +70,7 @@ def test_no_blocked_cell_vanishes(data: st.DataObject) -> None:
     # The view may cut cells at its border, which then may be invisible.
     cut = data.draw(st.sampled_from([0.0, 0.1, 0.9]))
     view = [-3.0 + 0.5 * (low[0] - cut), -3.0 + 0.5 * high[0], 7.0 + 0.5 * low[1], 7.0 + 0.5 * (high[1] + cut)]
-    ax, image = cells(classes, size, view)
+    ax, image = draw_cells(classes, size, view)
     dark = (image < 128).all(axis=-1)
     for i, j in blocked:
         if (low <= (i, j)).all() and ((i, j) < high).all():

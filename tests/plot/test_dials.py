@@ -10,7 +10,7 @@ from tests.pictures import COLORS, class_of, labels, pixel, rendered
 POINT = (1.75, 2.0, 1.1)
 
 
-def room(rotations: int | Rotations) -> CSpace:
+def build_room(rotations: int | Rotations) -> CSpace:
     occupied = np.zeros((20, 20, 12), bool)
     occupied[10] = True
     occupied[10, 8:12, 3:8] = False
@@ -23,7 +23,7 @@ def color_at(space: CSpace, *rotation: float) -> tuple[int, ...]:
 
 
 def test_a_ring_shows_the_state_of_each_yaw() -> None:
-    space = room(36)
+    space = build_room(36)
     ax = plot(space, view="rotations", center=POINT)
     image = rendered(ax)
     for yaw in np.radians(np.arange(-178.0, 180.0, 10.0)):
@@ -33,7 +33,7 @@ def test_a_ring_shows_the_state_of_each_yaw() -> None:
 
 
 def test_discs_show_the_state_of_each_heading_and_tilt() -> None:
-    space = room(Rotations.quaternions(6))
+    space = build_room(Rotations.quaternions(6))
     first = plot(space, view="rotations", center=POINT)
     image, discs = rendered(first), first.figure.axes
     assert [ax.get_title() for ax in discs] == [f"heading {k}°" for k in range(0, 360, 60)]

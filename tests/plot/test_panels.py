@@ -11,7 +11,7 @@ from cspace.plot import plot
 from tests.pictures import check_cells, heading, labels, rendered
 
 
-def yaws_of(ax: Any) -> list[str]:
+def read_yaws(ax: Any) -> list[str]:
     return [panel.get_title(loc="left") for panel in ax.figure.axes]
 
 
@@ -28,16 +28,16 @@ def test_each_panel_shows_its_slice(turning: CSpace) -> None:
 
 
 def test_panels_choose_yaws(turning: CSpace) -> None:
-    assert yaws_of(plot(turning, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
-    assert yaws_of(plot(turning, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
-    assert yaws_of(plot(turning, rotation=0.0, view="panels")) == ["yaw 0°"]
+    assert read_yaws(plot(turning, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
+    assert read_yaws(plot(turning, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
+    assert read_yaws(plot(turning, rotation=0.0, view="panels")) == ["yaw 0°"]
     # A centered rectangle has one slice for two rotation cells; a disc has one for all.
     around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)
-    assert yaws_of(plot(around, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 30, 60, 90, 120, 150)]
-    assert len(yaws_of(plot(build(turning.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
+    assert read_yaws(plot(around, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 30, 60, 90, 120, 150)]
+    assert len(read_yaws(plot(build(turning.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
 
 
-def lines_of(ax: Any) -> dict[str, Any]:
+def collect_lines(ax: Any) -> dict[str, Any]:
     """Return points of lines by label, without gaps."""
     drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in ax.lines if line.get_label()[0] != "_"}
     return {label: points[np.isfinite(points).all(axis=1)] for label, points in drawn.items()}
@@ -49,7 +49,7 @@ def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(turning: CSpace) ->
     yaws, length = np.radians(np.arange(6) * 60.0), 0.0
     first = plot(turning, rotation=yaws, path=path)
     for ax, yaw in zip(first.figure.axes, yaws.tolist(), strict=True):
-        drawn = lines_of(ax)
+        drawn = collect_lines(ax)
         (part,) = (points for label, points in drawn.items() if label.startswith("path"))
         off = (part[:, 0] - 1.0 - yaw + math.pi) % (2.0 * math.pi) - math.pi
         assert (np.abs(off) <= math.radians(32.0)).all() and (part[:, 1] == 2.0).all()
@@ -63,12 +63,12 @@ def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(turning: CSpace) ->
 def test_yaws_that_share_a_slice_share_a_panel(turning: CSpace) -> None:
     around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)  # symmetric under half a turn
     path = [(1.0, 4.0, math.pi), (3.0, 4.0, math.pi), (4.0, 4.0, -math.pi / 2)]
-    panels = {ax.get_title(loc="left"): lines_of(ax) for ax in plot(around, view="panels", path=path).figure.axes}
+    panels = {ax.get_title(loc="left"): collect_lines(ax) for ax in plot(around, view="panels", path=path).figure.axes}
     name = "path, in the panel of the nearest rotation"
     assert panels["yaw 0°"][name][0].tolist() == [1.0, 4.0] and "start" in panels["yaw 0°"]
     assert panels["yaw 90°"][name][-1].tolist() == [4.0, 4.0] and "goal" in panels["yaw 90°"]
     one = plot(around, rotation=0.0, view="panels", path=path)
-    np.testing.assert_allclose(lines_of(one)["path"][[0, -1]], [(1.0, 4.0), (4.0, 4.0)])
+    np.testing.assert_allclose(collect_lines(one)["path"][[0, -1]], [(1.0, 4.0), (4.0, 4.0)])
 
 
 def test_panels_show_rotations_about_any_axis() -> None:
@@ -80,6 +80,6 @@ def test_panels_show_rotations_about_any_axis() -> None:
     first = plot(
         space, rotation=turns, center=(0.5, 0.5, 0.45), path=[(0.2, 0.2, 0.4, *turns[0]), (0.2, 0.7, 0.4, *turns[1])]
     )
-    assert yaws_of(first) == ["not turned", "turned 90° about (1, 0, 0)", "turned 90° about (0, -1, 0)"]
-    assert len(yaws_of(plot(space, view="panels"))) == 6
+    assert read_yaws(first) == ["not turned", "turned 90° about (1, 0, 0)", "turned 90° about (0, -1, 0)"]
+    assert len(read_yaws(plot(space, view="panels"))) == 6
     assert "turned 90° about (1, 0, 0), in a rotation cell of " in heading(plot(space, rotation=turns[1]))

@@ -116,7 +116,7 @@ def test_colors_differ_even_in_grey() -> None:
     assert min(apart) > 0.04
 
 
-def lab(color: Any) -> Any:
+def to_lab(color: Any) -> Any:
     """Convert sRGB to CIELAB; 2 is just noticeable."""
     given = np.array(to_rgb(color))
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
@@ -128,7 +128,7 @@ def lab(color: Any) -> Any:
 def test_obstacle_unknown_and_free_cells_have_distinct_colors() -> None:
     colors = dict(CLASSES)
     for word in ("free", "obstacle"):
-        three = [lab(colors[name]) for name in ("free", "obstacle", f"unknown, taken as {word}")]
+        three = [to_lab(colors[name]) for name in ("free", "obstacle", f"unknown, taken as {word}")]
         apart = [np.linalg.norm(three[i] - three[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
         assert min(apart) > 35.0
 
@@ -138,7 +138,7 @@ def test_path_colors_differ_from_map_colors() -> None:
     faint = 0.45 * np.array(to_rgb(artists.PATH_COLOR)) + 0.55
     low, high = scene.LOW_COLOR, scene.HIGH_COLOR
     for color in (artists.PATH_COLOR, artists.LOST_COLOR, low, high, faint):
-        assert min(np.linalg.norm(lab(color) - lab(other)) for _, other in CLASSES) > 30.0
+        assert min(np.linalg.norm(to_lab(color) - to_lab(other)) for _, other in CLASSES) > 30.0
 
 
 def test_repr_tells_shares_of_occupied_and_unknown_cells(data: Path) -> None:
@@ -186,11 +186,11 @@ def test_a_notebook_shows_the_figure(flat: CSpace) -> None:
 # ----------------------------------------------------------------------------------------------- path, robots, marks
 
 
-def drawn(ax: Any) -> dict[str, list[list[float]]]:
+def collect_drawn(ax: Any) -> dict[str, list[list[float]]]:
     return {line.get_label(): line.get_xydata().tolist() for line in ax.lines if line.get_label()[0] != "_"}
 
 
-def boxes(ax: Any, number: int = 0) -> list[Any]:
+def collect_boxes(ax: Any, number: int = 0) -> list[Any]:
     return [outline.get_extents() for outline in ax.collections[number].get_paths()]
 
 
@@ -199,29 +199,29 @@ def test_path_and_marks_have_their_coordinates(flat: CSpace) -> None:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
 
     for path in (WithPath(), WithPath.path.tolist()):
-        assert drawn(plot(flat, path=path)) == {
+        assert collect_drawn(plot(flat, path=path)) == {
             "path": WithPath.path.tolist(),
             "start": [[1.0, 1.0]],
             "goal": [[7.0, 4.0]],
         }
-    assert drawn(plot(flat, start=(1, 2))) == {"start": [[1.0, 2.0]]}
+    assert collect_drawn(plot(flat, start=(1, 2))) == {"start": [[1.0, 2.0]]}
 
 
 def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpace) -> None:
-    drawn = boxes(plot(flat, path=[(1, 1), (1, 4), (7, 4)], robot_every=1.0))
+    drawn = collect_boxes(plot(flat, path=[(1, 1), (1, 4), (7, 4)], robot_every=1.0))
     centers = np.array([[(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2] for box in drawn])
     between = [(1, 2), (1, 3), (1, 4), (2, 4), (3, 4), (4, 4), (5, 4), (6, 4)]
     np.testing.assert_allclose(centers, [*between, (1, 1), (7, 4)], atol=1e-9)
     np.testing.assert_allclose([box.width for box in drawn], 0.64, atol=1e-9)
-    assert len(boxes(plot(flat, path=[(1, 1), (7, 4)], robot_every=float("inf")))) == 2
-    assert 5 < len(boxes(plot(flat, path=[(1, 1), (7, 4)]))) < 20
-    assert len(boxes(plot(flat, path=[(1.0, 1.0)]))) == 2
+    assert len(collect_boxes(plot(flat, path=[(1, 1), (7, 4)], robot_every=float("inf")))) == 2
+    assert 5 < len(collect_boxes(plot(flat, path=[(1, 1), (7, 4)]))) < 20
+    assert len(collect_boxes(plot(flat, path=[(1.0, 1.0)]))) == 2
     # The reference point is 0.3 m behind the center; the robots at the endpoints come last.
-    drawn = boxes(plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0))
+    drawn = collect_boxes(plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0))
     expected = [(1.8, 2.2, y - 0.3, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
     np.testing.assert_allclose([(box.x0, box.x1, box.y0, box.y1) for box in drawn], expected, atol=1e-9)
-    assert 4 <= len(boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a rotation in place
-    center = boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
+    assert 4 <= len(collect_boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a rotation in place
+    center = collect_boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
     np.testing.assert_allclose((center.x0, center.x1, center.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
 
 
@@ -254,7 +254,7 @@ def test_holes_of_the_robot_stay_open() -> None:
 # ----------------------------------------------------------------------------------------------- figures
 
 
-def stage(view: str, shape: tuple[int, ...], count: int) -> Any:
+def draw_stage(view: str, shape: tuple[int, ...], count: int) -> Any:
     """Draw an empty map with a path; return its axes."""
     turns = {"rotations": 8} if view == "panels" else {}
     robot = Robot.box((0.01, 0.01, 0.01)) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
@@ -280,7 +280,7 @@ def stage(view: str, shape: tuple[int, ...], count: int) -> Any:
 def test_text_and_panels_fit_the_figure_without_overlap(
     view: str, shape: tuple[int, ...], count: int, stretched: bool
 ) -> None:
-    ax = stage(view, shape, count)
+    ax = draw_stage(view, shape, count)
     figure = ax.figure
     assert len(figure.axes) == count and max(figure.get_size_inches()) < 20
     if count > 7:

@@ -20,12 +20,12 @@ from tests.pictures import COLORS, class_of, heading, labels, rendered
 PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
 
-def shown(space: CSpace, cell: NDArray[np.int64]) -> str:
+def expect_class(space: CSpace, cell: NDArray[np.int64]) -> str:
     """Return the expected class of a cell."""
     return class_of(space, {int(space.cell_states[tuple(cell)])}, bool(space.workspace.outer[tuple(cell)]))
 
 
-def pairs(figure: Any) -> list[tuple[int, int]]:
+def read_axis_pairs(figure: Any) -> list[tuple[int, int]]:
     """Return the coordinates shown in each panel."""
     plan, front, side = figure.axes
     names = [
@@ -60,7 +60,7 @@ def test_sections_show_the_map(order: tuple[int, ...]) -> None:
     ax = plot(space, center=at)
     image, figure = rendered(ax), ax.figure
     layer = ((at - lower) / 0.5).astype(int)
-    for panel, pair, across in zip(figure.axes, pairs(figure), (2, 1, 0), strict=True):
+    for panel, pair, across in zip(figure.axes, read_axis_pairs(figure), (2, 1, 0), strict=True):
         assert {*pair, across} == {0, 1, 2}
         assert panel.texts[0].get_text() == f"{'xyz'[across]} = {round(at[across], 2):g} m"
         for cell in product(*map(range, shape[list(pair)])):
@@ -70,7 +70,7 @@ def test_sections_show_the_map(order: tuple[int, ...]) -> None:
             if np.abs(middle - at)[list(pair)].min() < 0.27:
                 continue  # there the other sections are drawn
             column, row = panel.transData.transform(middle[list(pair)]).astype(int)
-            assert tuple(image[row, column]) == COLORS[shown(space, whole)], (pair, whole)
+            assert tuple(image[row, column]) == COLORS[expect_class(space, whole)], (pair, whole)
 
 
 def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
@@ -78,7 +78,7 @@ def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
     plan.figure.draw_without_rendering()
     front, side = plan.figure.axes[1:]
     scale = plan.get_window_extent().width / 6.0
-    for panel, pair in zip(plan.figure.axes, pairs(plan.figure), strict=True):
+    for panel, pair in zip(plan.figure.axes, read_axis_pairs(plan.figure), strict=True):
         upper = np.array([6.0, 4.0, 2.4])[list(pair)]
         np.testing.assert_allclose([panel.get_xlim(), panel.get_ylim()], [(0, upper[0]), (0, upper[1])])
         np.testing.assert_allclose(panel.get_window_extent().size, scale * upper)
@@ -92,7 +92,7 @@ def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
 def test_sections_show_traces_of_the_others(hall: CSpace) -> None:
     at = (1.03, 2.07, 0.55)
     figure = plot(hall, center=at).figure
-    for panel, (right, up) in zip(figure.axes, pairs(figure), strict=True):
+    for panel, (right, up) in zip(figure.axes, read_axis_pairs(figure), strict=True):
         across, along = panel.lines[:2]
         assert set(across.get_xdata()) == {at[right]}
         assert set(along.get_ydata()) == {at[up]}
@@ -121,7 +121,7 @@ def test_clip_path_keeps_the_parts_between_two_planes(data: st.DataObject) -> No
 def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
     """Draw the path faintly outside the robot's reach."""
     ax = plot(hall, path=PATH, center=(3.0, 1.2, 1.0), robot_every=0.5)
-    for panel, pair, across in zip(ax.figure.axes, pairs(ax.figure), (2, 1, 0), strict=True):
+    for panel, pair, across in zip(ax.figure.axes, read_axis_pairs(ax.figure), (2, 1, 0), strict=True):
         drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
         np.testing.assert_array_equal(drawn["path, away from the section"], np.array(PATH)[:, pair])
         np.testing.assert_array_equal(drawn["start"], [np.array(PATH[0])[list(pair)]])
@@ -137,19 +137,19 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> Non
     assert labels(ax)[-5:] == ["path", "path, away from the section", "robot", "start", "goal"]
 
 
-def sections_of(ax: Any) -> list[float]:
+def draw_sections(ax: Any) -> list[float]:
     return [float(panel.texts[0].get_text()[4:-2]) for panel in reversed(ax.figure.axes)]
 
 
 def test_sections_run_through_the_path_or_the_middle(hall: CSpace) -> None:
     """Test paths, starts, goals and grid centers."""
-    assert sections_of(plot(hall, center=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
-    points = sections_of(plot(hall, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
+    assert draw_sections(plot(hall, center=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
+    points = draw_sections(plot(hall, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
     assert points == [1.0, 2.5, 0.5]
-    assert sections_of(plot(hall, start=(1.0, 3.0, 2.0), goal=(5.0, 1.0, 1.0))) == [1.0, 3.0, 2.0]
-    assert sections_of(plot(hall, goal=(5.0, 1.0, 1.0))) == [5.0, 1.0, 1.0]
-    assert sections_of(plot(hall)) == [3.0, 2.0, 1.2]
-    assert sections_of(plot(hall, path=[(-9.0, 1.0, 1.0), (-8.0, 1.0, 1.0)]))[0] == 0.0
+    assert draw_sections(plot(hall, start=(1.0, 3.0, 2.0), goal=(5.0, 1.0, 1.0))) == [1.0, 3.0, 2.0]
+    assert draw_sections(plot(hall, goal=(5.0, 1.0, 1.0))) == [5.0, 1.0, 1.0]
+    assert draw_sections(plot(hall)) == [3.0, 2.0, 1.2]
+    assert draw_sections(plot(hall, path=[(-9.0, 1.0, 1.0), (-8.0, 1.0, 1.0)]))[0] == 0.0
 
 
 def test_sections_omit_legend_and_title(hall: CSpace) -> None:

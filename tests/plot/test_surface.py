@@ -22,7 +22,7 @@ TOWARDS = np.array([0.6, -0.5, 0.7])
 PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
 
-def places(corners: NDArray[np.float64]) -> set[tuple[int, ...]]:
+def locate_faces(corners: NDArray[np.float64]) -> set[tuple[int, ...]]:
     """Return centers and normal axes of faces.
 
     Centers are in half cells.
@@ -61,7 +61,7 @@ def test_border_faces_face_the_camera(solid: NDArray[np.bool_], towards: tuple[f
             ahead = tuple(c + step * (k == axis) for k, c in enumerate(cell))
             if left[cell] and step and not (ahead[axis] in inside[axis] and left[ahead]):
                 expected.add((*(2 * np.array(cell) + 1 + step * (np.arange(3) == axis)).tolist(), axis))
-    assert places(faces) == expected
+    assert locate_faces(faces) == expected
     assert len(faces) == len(expected)
     # Successive corners differ along one axis.
     assert ((np.diff(faces, axis=1) != 0.0).sum(axis=2) == 1).all()
@@ -92,7 +92,7 @@ def test_cut_omits_cells_above_it() -> None:
     assert border_faces(GRID, solid, TOWARDS, 0.4)[0][..., 2].max() == 1.0  # at least one layer remains
 
 
-def polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def collect_polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the corners of all polygons and their colours."""
     (collection,) = ax.collections
     return np.asarray(collection._faces), np.asarray(collection._facecolor3d)[:, :3]
@@ -102,7 +102,7 @@ def polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> None:
     """Test the cells behind and before each face."""
     ax = plot(hall, view="3d", surface=shown)
-    corners, colors = polygons(ax)
+    corners, colors = collect_polygons(ax)
     assert len(corners) > 500
     solid = hall.workspace.outer if shown == "obstacles" else hall.cell_states != FREE
     normal = np.argmin(np.ptp(corners, axis=1), axis=1)
@@ -121,7 +121,7 @@ def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> Non
 
 def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
     ax = plot(hall, view="3d", path=PATH, robot_every=1.0)
-    corners, colors = polygons(ax)
+    corners, colors = collect_polygons(ax)
     blue = np.abs(colors - to_rgb(artists.PATH_COLOR)).max(axis=1) < 1e-6
     ribbon = corners[blue].mean(axis=1)
     assert len(ribbon) > 100
@@ -147,7 +147,7 @@ def test_unknown_cells_have_their_own_colour_in_3d() -> None:
     unknown[:6] = True
     grid = Grid((0.0, 0.0, 0.0), 0.5, outer.shape)
     ax = Workspace(grid, outer, outer, unknown=unknown).plot(view="3d")
-    corners, colors = polygons(ax)
+    corners, colors = collect_polygons(ax)
     brown = colors[:, 0] > colors[:, 2] + 0.1
     assert brown.any()
     assert (corners.mean(axis=1)[:, 0] < 3.0).tolist() == brown.tolist()
@@ -156,10 +156,10 @@ def test_unknown_cells_have_their_own_colour_in_3d() -> None:
 
 def test_the_cut_is_above_the_path(hall: CSpace) -> None:
     assert "cut at z = 1.35 m" in heading(plot(hall, view="3d", path=PATH))
-    corners, _ = polygons(plot(hall, view="3d", path=PATH))
+    corners, _ = collect_polygons(plot(hall, view="3d", path=PATH))
     assert corners[..., 2].max() == pytest.approx(1.4)
-    assert polygons(plot(hall, view="3d", path=PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
-    assert polygons(plot(hall, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
+    assert collect_polygons(plot(hall, view="3d", path=PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
+    assert collect_polygons(plot(hall, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
 
 
 @pytest.mark.parametrize("camera", [None, (90.0, 0.0), (10.0, 80.0)])

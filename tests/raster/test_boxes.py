@@ -26,7 +26,7 @@ SPACINGS = [0.25, 0.1, 1.0, 0.37]
 MARGINS = [0.0, 0.125, 0.3]
 
 
-def exact(values):
+def to_integers(values):
     """Convert floats to integers in units of the oracles."""
     array = np.asarray(values, dtype=float)
     scaled = [Fraction(float(value)) * UNIT for value in array.flat]
@@ -34,12 +34,12 @@ def exact(values):
     return np.array([value.numerator for value in scaled], dtype=object).reshape(array.shape)
 
 
-def cube_sides(count, first, lower, spacing, b):
+def compute_cube_sides(count, first, lower, spacing, b):
     """Return the end ``b`` of each cube, as integers."""
-    return exact(lower) + exact(spacing) * (np.arange(count).astype(object) + first + b)
+    return to_integers(lower) + to_integers(spacing) * (np.arange(count).astype(object) + first + b)
 
 
-def outer_sum(parts):
+def sum_outer(parts):
     """Sum parts (boxes, n) over axes to (boxes, *shape)."""
     total = 0
     for axis, part in enumerate(parts):
@@ -54,10 +54,10 @@ class Definition:
     """
 
     def __init__(self, lows, highs, radii, shape, lower, spacing, b0, b1, first=0):
-        self.lows, self.highs, self.radii = exact(lows), exact(highs), radii
-        self.edge = exact(EDGE * spacing)
+        self.lows, self.highs, self.radii = to_integers(lows), to_integers(highs), radii
+        self.edge = to_integers(EDGE * spacing)
         dims = range(len(shape))
-        self.sides = [[cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
+        self.sides = [[compute_cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
 
     def squares(self, low, high):
         """Return squared distances of boxes along each axis."""
@@ -74,13 +74,13 @@ class Definition:
 
     def touched(self, extra):
         first, last = zip(*self.sides, strict=True)
-        return self.within(outer_sum(self.squares(first, last)), extra)
+        return self.within(sum_outer(self.squares(first, last)), extra)
 
     def inside(self, extra):
         """Return True if all corners lie in one box."""
         first, last = (self.squares(ends, ends) for ends in zip(*self.sides, strict=True))
         farthest = [np.maximum(a, b) for a, b in zip(first, last, strict=True)]
-        return self.within(outer_sum(farthest), -extra)
+        return self.within(sum_outer(farthest), -extra)
 
     def covered(self):
         """Return True if disjoint boxes contain the cubes."""
@@ -129,7 +129,7 @@ def test_balls_cover_the_cells_within_their_radius(data, dim, spacing):
     radii = np.abs(data.draw(coordinates(spacing, (count,), 2)))
     grid = Grid(lower, spacing, (5, 4, 3)[:dim])
     outer, inner = Balls(centers, radii).cells(grid)
-    truth = Definition(centers, centers, exact(radii), grid.shape, lower, spacing, 0, 1)
+    truth = Definition(centers, centers, to_integers(radii), grid.shape, lower, spacing, 0, 1)
     check(outer, truth.touched(0), truth.touched(1))
     check(inner, truth.inside(1), truth.inside(0))
 
@@ -160,9 +160,9 @@ def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
     """
     reach += 1 + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
-    truth = Definition(lows, highs, exact(radii) + exact(margin), *frame, -1, 1, -reach)
+    truth = Definition(lows, highs, to_integers(radii) + to_integers(margin), *frame, -1, 1, -reach)
     check(spread(outer, reach), truth.touched(0), truth.touched(1))
-    truth = Definition(lows, highs, exact(radii), *frame, 0, 0, -reach)
+    truth = Definition(lows, highs, to_integers(radii), *frame, 0, 0, -reach)
     cells = spread(inner, reach)
     if radii.any():
         check(cells, truth.inside(1), truth.inside(0))
@@ -190,8 +190,8 @@ def test_rasters_of_voxel_robots_agree_with_arithmetic(data, seed, spacing, marg
     reach = 4 + int(4 * ratio) + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
     cells = np.argwhere(occupied).astype(object)
-    lows, highs = (exact(lower) + exact(voxel) * (cells + b) for b in (0, 1))
-    truth = Definition([], [], np.array([exact(margin)] * len(cells)), *frame, -1, 1, -reach)
+    lows, highs = (to_integers(lower) + to_integers(voxel) * (cells + b) for b in (0, 1))
+    truth = Definition([], [], np.array([to_integers(margin)] * len(cells)), *frame, -1, 1, -reach)
     truth.lows, truth.highs = lows, highs
     check(spread(outer, reach), truth.touched(0), truth.touched(1))
     truth = Definition([], [], np.array([0] * len(cells), dtype=object), *frame, 0, 0, -reach)
@@ -335,7 +335,7 @@ def test_large_coordinates_stay_exact():
     centers = np.array([[2.0**21 - 2.0**20 + 2.5, -(2.0**21) + 2.5, 2.5]])
     radius = np.array([2.0**20])
     outer, inner = Balls(centers, radius).cells(grid)
-    truth = Definition(centers, centers, exact(radius), grid.shape, grid.lower, 1.0, 0, 1)
+    truth = Definition(centers, centers, to_integers(radius), grid.shape, grid.lower, 1.0, 0, 1)
     check(outer, truth.touched(0), truth.touched(1))
     check(inner, truth.inside(1), truth.inside(0))
     assert 0 < inner.sum() < outer.sum() < outer.size

@@ -24,7 +24,7 @@ from tests.strategies import seeds
 NEAR = 1e-6
 
 
-def soup(triangles):
+def make_soup(triangles):
     triangles = np.asarray(triangles, dtype=float).reshape(-1, 3, 3)
     return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
@@ -60,7 +60,7 @@ def check_touched(marked, triangles, grid, slack=2.0**-24):
             assert any(meets(t, *wide) for t in exact), f"too much: {cell}"
 
 
-def small_mesh(rng, kind):
+def draw_small_mesh(rng, kind):
     """Draw a few triangles in a small grid."""
     n = int(rng.integers(1, 6))
     if kind == "random":
@@ -96,7 +96,7 @@ def test_touched_cells_agree_with_exact_separating_axes(kind, lower):
     rng = np.random.default_rng([KINDS.index(kind), abs(int(lower))])
     for spacing in (1.0, 0.1):
         grid = Grid((lower * spacing,) * 3, spacing, (4, 3, 5))
-        mesh = Mesh.of(soup(grid.lower + spacing * small_mesh(rng, kind)), "surface")
+        mesh = Mesh.of(make_soup(grid.lower + spacing * draw_small_mesh(rng, kind)), "surface")
         outer, inner = mesh.cells(grid)
         check_touched(outer, mesh.triangles, grid)
         assert not inner.any()
@@ -112,7 +112,7 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
             lows = rng.choice([rng.integers(-1, 4, (2, 3)).astype(float), rng.uniform(-1, 4, (2, 3))])
             vertices, faces = join_meshes(*(make_box(low, low + rng.integers(1, 4, 3)) for low in lows))
         else:
-            vertices, faces = soup(small_mesh(rng, kind))
+            vertices, faces = make_soup(draw_small_mesh(rng, kind))
         mesh = Mesh.of((corner + h * vertices, faces), "surface")
         outer, _ = mesh.cells(grid)
         # In cells of the grid, because FCL's tolerance is absolute.
@@ -127,11 +127,11 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
 def test_touching_cells_obey_their_laws(seed, kind):
     """Commute with translations by cells, quarter turns and unions."""
     rng = np.random.default_rng(seed)
-    triangles = small_mesh(rng, kind)
+    triangles = draw_small_mesh(rng, kind)
     grid = Grid((0, 0, 0), 1.0, (6, 6, 6))
 
     def touched(part, on=grid):
-        return Mesh.of(soup(part), "surface").cells(on)[0]
+        return Mesh.of(make_soup(part), "surface").cells(on)[0]
 
     whole = touched(triangles)
     if kind in ("lattice", "touching"):
@@ -169,7 +169,7 @@ def test_a_map_that_cuts_through_a_solid_is_part_of_the_larger_map():
             assert (cells == all_cells[window]).all()
 
 
-def covered(boxes, side, fine=4):
+def find_covered(boxes, side, fine=4):
     """Return masks of cells meeting boxes, and inside them.
 
     The corners of the boxes are at odd multiples of 1 / (2 fine).
@@ -183,7 +183,7 @@ def covered(boxes, side, fine=4):
     return blocks.any(axis=(1, 3, 5)), blocks.all(axis=(1, 3, 5))
 
 
-def touched_by_faces(boxes, side):
+def find_touched(boxes, side):
     """Return cells that surfaces of boxes meet."""
     cells = np.arange(side)
     touched = np.zeros((side,) * 3, dtype=bool)
@@ -203,8 +203,8 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     lows = rng.integers(1, 6, (count, 3)) + rng.choice([0.25, 0.5, 0.75], (count, 3))
     highs = lows + rng.integers(1, 7, (count, 3)) - 0.25
     boxes = list(zip(lows, np.minimum(highs, side - 0.25), strict=True))
-    meeting, lying = covered(boxes, side)
-    surface = touched_by_faces(boxes, side)
+    meeting, lying = find_covered(boxes, side)
+    surface = find_touched(boxes, side)
     grid = Grid((0, 0, 0), 1.0, (side,) * 3)
     for inward in (np.zeros(count, dtype=bool), np.ones(count, dtype=bool)):
         outer, inner = Mesh.of(
@@ -220,7 +220,7 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     nested = np.zeros_like(outer)
     for a, b in product(range(count), repeat=2):
         if inward[a] != inward[b] and (lows[a] < lows[b]).all() and (boxes[b][1] < boxes[a][1]).all():
-            nested |= covered([boxes[b]], side)[0]
+            nested |= find_covered([boxes[b]], side)[0]
     assert not (inner & ~lying).any()
     assert outer[meeting & ~nested].all()
     assert outer[surface].all()
@@ -239,7 +239,7 @@ def test_doubled_faces_change_nothing():
         with warnings.catch_warnings():
             # Boxes of one size that face opposite ways have no winding number together.
             warnings.simplefilter("ignore" if inward else "error", MeshWarning)
-            mesh = Mesh.of(soup(both[numbers]))
+            mesh = Mesh.of(make_soup(both[numbers]))
         assert len(mesh.bodies) == 1
         assert mesh.is_watertight
         outer, inner = mesh.cells(Grid((0, 0, 0), 1.0, (16,) * 3))
@@ -262,7 +262,7 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
     assert len(caught) == 1
     with pytest.warns(MeshWarning, match="encloses no cell of 0.5 m"):
         assert not Mesh.of(open_box, "fill").rasters(0.5)[1].count
-    slit = join_meshes(*(soup(triangle) for triangle in vertices[faces] * 0.998 + 0.01))
+    slit = join_meshes(*(make_soup(triangle) for triangle in vertices[faces] * 0.998 + 0.01))
     outer, inner = Mesh.of(slit, "fill").cells(grid)
     assert inner[2:8, 2:8, 2:8].all()
     assert outer[1:9, 1:9, 1:9].all()
@@ -273,7 +273,7 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
         assert not cells[7:].any()
 
 
-def torus_distance(points, major=2.0, minor=0.8):
+def measure_torus_distance(points, major=2.0, minor=0.8):
     return np.hypot(np.hypot(points[..., 0], points[..., 1]) - major, points[..., 2]) - minor
 
 
@@ -283,7 +283,7 @@ def test_round_solids_agree_with_their_formulas():
     torus = trimesh.creation.torus(major_radius=2.0, minor_radius=0.8, major_sections=160, minor_sections=80)
     for solid, distance, sag in (
         (sphere, lambda p: np.linalg.norm(p, axis=-1) - 2.5, 0.01),
-        (torus, torus_distance, 0.01),
+        (torus, measure_torus_distance, 0.01),
     ):
         mesh = Mesh.of(solid)
         grid = Grid((-3.1, -3.2, -3.05), 0.15, (42, 43, 41))
@@ -332,7 +332,7 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
         assert not cells[~may].any()
 
 
-def distance_to_cube(triangle, center, half):
+def measure_cube_distance(triangle, center, half):
     """Return a triangle's distance from a cube."""
     corners = np.array(list(product((-half, half), repeat=3))) + center
     differences = (triangle[:, None] - corners).reshape(-1, 3)
@@ -344,9 +344,9 @@ def distance_to_cube(triangle, center, half):
 def test_margins_agree_with_minimum_distances():
     rng = np.random.default_rng(11)
     for number in range(60):
-        triangles = small_mesh(rng, ("random", "touching", "lattice", "degenerate", "sliver")[number % 5])[:2]
+        triangles = draw_small_mesh(rng, ("random", "touching", "lattice", "degenerate", "sliver")[number % 5])[:2]
         radius = float(rng.choice([0.3, 1.0, 1.7]))
-        outer, inner = Mesh.of(soup(triangles), "surface").rasters(0.5, radius * 0.5)
+        outer, inner = Mesh.of(make_soup(triangles), "surface").rasters(0.5, radius * 0.5)
         assert not inner.count
         outer_cells = np.pad(outer.cells, 1)
         cells = np.argwhere(np.ones_like(outer_cells))
@@ -356,7 +356,7 @@ def test_margins_agree_with_minimum_distances():
         for cell, center, middle in zip(chosen, centers, distance_to_triangles(centers, triangles * 2.0), strict=True):
             gap = max(0.0, middle - 1.0)  # bounded above by a ball in the cube, and below by a ball around it
             if gap > radius - 1e-9 and middle - math.sqrt(3.0) <= radius + excess:
-                gap = min(distance_to_cube(triangle * 2.0, center, 1.0) for triangle in triangles)
+                gap = min(measure_cube_distance(triangle * 2.0, center, 1.0) for triangle in triangles)
             if gap <= radius - 1e-9:
                 assert outer_cells[tuple(cell)], (number, cell, gap, radius)
             if gap > radius + excess:
@@ -369,7 +369,7 @@ def test_the_distance_of_a_cube_is_exact(size):
     rng = np.random.default_rng(3)
     for _ in range(700):
         triangle = rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
-        gap = distance_to_cube(triangle, np.zeros(3), 1.0)
+        gap = measure_cube_distance(triangle, np.zeros(3), 1.0)
         if gap < 1e-3:
             continue
         for radius, expected in ((gap * (1 + 1e-9), True), (gap - 1e-5, False)):
@@ -414,7 +414,7 @@ def test_a_filled_robot_covers_its_filled_cells(margin):
     filled = 0
     for _ in range(30):
         centers = rng.uniform(0, 7, (70, 1, 3))
-        mesh = Mesh.of(soup(centers + rng.normal(size=(70, 3, 3)) * 0.7), "fill")
+        mesh = Mesh.of(make_soup(centers + rng.normal(size=(70, 3, 3)) * 0.7), "fill")
         outer, inner = mesh.rasters(1.0, margin)
         filled += inner.count
         points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 2), 0, -1) - 1 + outer.lower
@@ -429,7 +429,7 @@ def test_a_filled_robot_covers_its_filled_cells(margin):
 def test_a_thin_robot_is_never_too_small():
     """Compare a sliver with the segment that it approximates."""
     for bend in (0.0, 1e-13, 1e-9, 1e-4):
-        mesh = Mesh.of(soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")
+        mesh = Mesh.of(make_soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")
         outer, _ = mesh.rasters(0.25, 0.4)
         points = np.moveaxis(np.indices(outer.cells.shape), 0, -1) + outer.lower
         along = np.linspace(0, 1, 4001)[:, None] * np.array([3, 1, 0.5]) / 0.25

@@ -21,23 +21,23 @@ def yaw_turn(yaw, covering_angle=0.0, dim=2):
     return RotationCell(Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:dim, :dim], covering_angle, about_z=True)
 
 
-def places(raster):
+def list_positions(raster):
     return set(map(tuple, (np.argwhere(raster.cells) + raster.lower).tolist()))
 
 
-def rasters(robot, spacing, margin=0.0, turn=NO_ROTATION):
-    return [places(raster) for raster in robot.rasters(spacing, margin, turn)]
+def make_rasters(robot, spacing, margin=0.0, turn=NO_ROTATION):
+    return [list_positions(raster) for raster in robot.rasters(spacing, margin, turn)]
 
 
 # ---- the plane -------------------------------------------------------------------------------------------------------
 
 
-def boxes(offsets, spacing):
+def make_boxes(offsets, spacing):
     low = spacing * (np.array(sorted(offsets)).reshape(-1, 2) - 1)
     return shapely.box(low[:, 0], low[:, 1], low[:, 0] + 2 * spacing, low[:, 1] + 2 * spacing)
 
 
-def distances_of(robot, turn, geometries):
+def measure_distances(robot, turn, geometries):
     """Return distances of geometries from the rotated robot."""
     shape = robot.shape
     if isinstance(shape, Balls):
@@ -51,24 +51,24 @@ def distances_of(robot, turn, geometries):
 @given(robots(), st.floats(-7, 7), st.sampled_from([0.0, 0.2]))
 def test_a_rotated_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
     h, turn = 0.25, yaw_turn(yaw)
-    outer, inner = rasters(robot, h, margin, turn)
+    outer, inner = make_rasters(robot, h, margin, turn)
     around = sorted((i, j) for i in range(-16, 17) for j in range(-16, 17))
-    for offset, distance in zip(around, distances_of(robot, turn, boxes(around, h)), strict=True):
+    for offset, distance in zip(around, measure_distances(robot, turn, make_boxes(around, h)), strict=True):
         if abs(distance - margin) > 1e-7:
             assert (offset in outer) == (distance < margin), offset
         elif distance <= margin - 1e-12:
             assert offset in outer
     lattice = shapely.points(h * np.array(sorted(inner)).reshape(-1, 2))
-    assert (distances_of(robot, turn, lattice) == 0.0).all()
+    assert (measure_distances(robot, turn, lattice) == 0.0).all()
 
 
 @settings(max_examples=40)
 @given(robots(), st.floats(-7, 7), st.floats(0, 3.2), st.sampled_from([0.0, 0.1]), seeds)
 def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, margin, seed):
-    outer, inner = rasters(robot, 0.2, margin, yaw_turn(yaw, angle))
+    outer, inner = make_rasters(robot, 0.2, margin, yaw_turn(yaw, angle))
     t = np.concatenate([[-1.0, 0.0, 1.0], np.random.default_rng(seed).uniform(-1, 1, 5)])
     for one in yaw + angle * t:
-        outer_there, inner_there = rasters(robot, 0.2, margin, yaw_turn(one))
+        outer_there, inner_there = make_rasters(robot, 0.2, margin, yaw_turn(one))
         assert outer_there <= outer
         assert inner <= inner_there
 
@@ -79,7 +79,7 @@ def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, 
 def test_growth_increases_with_the_distance_from_the_reference_point(robot):
     """Compare both ends of a robot."""
     outer, _ = robot.rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))
-    width = {x: len({offset[1] for offset in places(outer) if offset[0] == x}) for x in (0, 38)}
+    width = {x: len({offset[1] for offset in list_positions(outer) if offset[0] == x}) for x in (0, 38)}
     assert width[0] <= 5
     assert width[38] >= 9
 
@@ -101,12 +101,12 @@ SOLID = {
 }
 
 
-def random_turn(rng, about_z, angle=0.0):
+def draw_rotation(rng, about_z, angle=0.0):
     rotation = Rotation.from_rotvec([0, 0, rng.uniform(-4, 4)]) if about_z else Rotation.random(rng=rng)
     return RotationCell(rotation.as_matrix(), angle, about_z)
 
 
-def within(rng, turn):
+def draw_within(rng, turn):
     """Draw a rotation of a cell, often on its boundary."""
     way = np.array([0.0, 0.0, rng.choice([-1.0, 1.0])]) if turn.about_z else rng.normal(size=3)
     angle = turn.covering_angle * min(1.0, rng.uniform(0.0, 1.3))
@@ -119,10 +119,10 @@ def within(rng, turn):
 def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
     robot, rng = SOLID[name](), np.random.default_rng(len(name))
     for angle, margin in ((0.03, 0.0), (0.2, 0.07), (2.0, 0.0)):
-        turn = random_turn(rng, about_z, angle)
-        outer, inner = rasters(robot, 0.12, margin, turn)
+        turn = draw_rotation(rng, about_z, angle)
+        outer, inner = make_rasters(robot, 0.12, margin, turn)
         for _ in range(4):
-            outer_there, inner_there = rasters(robot, 0.12, margin, within(rng, turn))
+            outer_there, inner_there = make_rasters(robot, 0.12, margin, draw_within(rng, turn))
             assert outer_there <= outer
             assert inner <= inner_there
         if angle == 0.03 and name != "surface":
@@ -154,11 +154,11 @@ def separate(low, high, box, matrix):
 def test_rotated_boxes_agree_with_separating_axes(seed, about_z, spacing):
     rng = np.random.default_rng(seed)
     box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
-    turn = random_turn(rng, about_z)
+    turn = draw_rotation(rng, about_z)
     outer, inner = box.rasters(spacing, 0.0, turn)
     points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 4), 0, -1).reshape(-1, 3) - 2 + outer.lower
     gap = separate((points - 1) * spacing, (points + 1) * spacing, box.bounds, turn.matrix)
-    met, held = places(outer), places(inner)
+    met, held = list_positions(outer), list_positions(inner)
     answers = np.array([tuple(point) in met for point in points.tolist()])
     assert answers[gap < -1e-7].all()
     assert not answers[gap > 1e-7].any()
@@ -175,10 +175,10 @@ def test_rotated_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(1, 4, 3)) < 0.6
     occupied[0, 0, 0] = True
-    side, lower, turn = 0.2, rng.uniform(-0.5, 0.2, 3), random_turn(rng, about_z)
-    outer, inner = rasters(Voxels(occupied, side, lower), 0.07, margin, turn)
+    side, lower, turn = 0.2, rng.uniform(-0.5, 0.2, 3), draw_rotation(rng, about_z)
+    outer, inner = make_rasters(Voxels(occupied, side, lower), 0.07, margin, turn)
     parts = [
-        rasters(Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, turn)
+        make_rasters(Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, turn)
         for cell in np.argwhere(occupied)
     ]
     assert outer == set().union(*(part[0] for part in parts))
@@ -189,19 +189,19 @@ def test_rotated_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
 @given(seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1]))
 def test_a_rotated_mesh_is_the_mesh_of_rotated_vertices(seed, about_z, solid, margin):
     rng = np.random.default_rng(seed)
-    vertices, turn = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), random_turn(rng, about_z)
+    vertices, turn = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), draw_rotation(rng, about_z)
     turned = Mesh.of((vertices @ turn.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
     for mine, there in zip(Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, turn), turned, strict=True):
-        assert places(mine) == places(there)
+        assert list_positions(mine) == list_positions(there)
 
 
 def test_a_filled_robot_contains_its_interior_at_every_rotation():
     robot = Robot.from_mesh((TORUS.vertices, TORUS.faces), solid="fill")
     turn = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
-    outer, inner = rasters(robot, 0.08, 0.0, turn)
+    outer, inner = make_rasters(robot, 0.08, 0.0, turn)
     assert not inner
     solid = Robot.from_mesh((TORUS.vertices, TORUS.faces))
-    assert rasters(solid, 0.08, 0.0, turn)[0] <= outer
+    assert make_rasters(solid, 0.08, 0.0, turn)[0] <= outer
 
 
 @pytest.mark.parametrize("name", SOLID)
@@ -211,4 +211,6 @@ def test_permuted_quarter_turns_equal_fresh_rasters(name):
     for turns in range(1, 4):
         fresh = robot.rasters(0.083, 0.02, yaw_turn(turns * math.pi / 2, angle, 3))
         matrix = np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), turns)
-        assert [places(raster.rotate(matrix)) for raster in first] == [places(raster) for raster in fresh]
+        assert [list_positions(raster.rotate(matrix)) for raster in first] == [
+            list_positions(raster) for raster in fresh
+        ]

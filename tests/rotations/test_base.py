@@ -23,7 +23,7 @@ ROTATION_SPACES = {
 EVERY = pytest.mark.parametrize("name", ROTATION_SPACES)
 
 
-def kind_of(name: str) -> Rotations:
+def find_kind(name: str) -> Rotations:
     return ROTATION_SPACES[name][0]
 
 
@@ -49,14 +49,14 @@ def to_scipy(name: str, q: np.ndarray) -> Rotation:
 def test_matrices_agree_with_scipy(name: str) -> None:
     _, dim = ROTATION_SPACES[name]
     q = draw(name, 3, 5)
-    made = kind_of(name)._rotation_matrices(q)
+    made = find_kind(name)._rotation_matrices(q)
     assert made.shape == (3, 5, dim, dim)
     np.testing.assert_allclose(made.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
 
 
 @EVERY
 def test_steps_rotate_the_shorter_way_at_constant_speed(name: str) -> None:
-    kind, (_, dim) = kind_of(name), ROTATION_SPACES[name]
+    kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q0, q1 = draw(name, 40), draw(name, 40)
     steps = kind._steps_between(q0, q1)
     np.testing.assert_allclose(steps[:, :dim], q1[:, :dim] - q0[:, :dim])
@@ -83,7 +83,7 @@ def test_steps_of_half_a_turn_and_none_are_exact() -> None:
 
 @EVERY
 def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> None:
-    kind, (_, dim) = kind_of(name), ROTATION_SPACES[name]
+    kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q = draw(name, 50)
     made = kind._make_canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
     assert np.array_equal(kind._make_canonical(made), made) and np.array_equal(made[:, :dim], q[:, :dim])
@@ -94,7 +94,7 @@ def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> N
 
 @EVERY
 def test_sample_near_stays_within_its_angle(name: str) -> None:
-    kind, (_, dim) = kind_of(name), ROTATION_SPACES[name]
+    kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q, numbers = kind._make_canonical(draw(name, 30)), iter(RNG.random(400).tolist())
     near = np.array([[*row[:dim], *kind._sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q])
     apart = np.linalg.norm(kind._steps_between(q, near)[:, dim:], axis=1)
@@ -146,7 +146,7 @@ def test_the_step_between_equal_quaternions_is_zero() -> None:
     """Include quaternions of either sign."""
     q = draw("SE(3)", 500)
     for sign in (1.0, -1.0):
-        assert not kind_of("SE(3)")._steps_between(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()
+        assert not find_kind("SE(3)")._steps_between(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()
 
 
 @pytest.mark.parametrize("cells", [Rotations.of(None), Rotations.of(360), Rotations.quaternions(4)])

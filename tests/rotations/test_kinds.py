@@ -97,7 +97,7 @@ def space() -> Iterator[CSpace]:
         yield cspace.build(workspace, robot, rotations=PitchRotations._of_value(COUNT))
 
 
-def drawn(space: CSpace, n: int) -> Floats:
+def draw(space: CSpace, n: int) -> Floats:
     rng = np.random.default_rng(3)
     low, high = [*space.grid.lower, -4.0], [*space.grid.upper, 4.0]
     return rng.uniform(low, high, (n, 4))
@@ -116,7 +116,7 @@ def collides(space: CSpace, q: Floats) -> Bools:
 
 def test_states_agree_with_samples_of_the_robot(space: CSpace) -> None:
     assert space.axes == ("x", "y", "z", "pitch")
-    q = drawn(space, 3000)
+    q = draw(space, 3000)
     states = space.classify(q)
     truth = collides(space, q)
     assert not truth[states == FREE].any()
@@ -138,7 +138,7 @@ def test_messages_name_the_rotation(space: CSpace) -> None:
 
 
 def test_free_motions_are_free_at_all_their_points(space: CSpace) -> None:
-    q0 = drawn(space, 4000)
+    q0 = draw(space, 4000)
     q0 = q0[space.is_free(q0)]
     q1 = q0 + np.random.default_rng(4).uniform(-0.3, 0.3, q0.shape) * [1, 1, 1, 6]
     free = space.motion_is_free(q0, q1)
@@ -151,7 +151,7 @@ def test_free_motions_are_free_at_all_their_points(space: CSpace) -> None:
 
 
 def test_clearance_is_a_lower_bound(space: CSpace) -> None:
-    q = drawn(space, 400)
+    q = draw(space, 400)
     clearances = space.clearance(q)
     assert ((clearances > 0) <= (space.classify(q) == FREE)).all()
     steps = np.random.default_rng(5).normal(size=(30, *q.shape)) * [1.0, 1.0, 1.0, 0.0]
@@ -172,7 +172,7 @@ def test_paths_exist_between_connected_cells(space: CSpace) -> None:
         graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(states.size, states.size))
         labels.append(connected_components(graph, directed=False)[1])
     answers = set()
-    q = drawn(space, 300)
+    q = draw(space, 300)
     q = q[space.is_free(q)]
     cells = np.floor(q[:, :3] / 0.1).astype(int)
     at = np.ravel_multi_index((space.rotations._cells_of(q), *cells.T), states.shape)
@@ -193,7 +193,7 @@ def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None
 
 
 def test_exact_queries_use_the_rotation(space: CSpace) -> None:
-    q = drawn(space, 1000)
+    q = draw(space, 1000)
     q = q[space.classify(q) == cspace.MIXED][:60]
     free = space.is_free(q, exact=True)
     assert free.any() and not collides(space, q[free]).any()

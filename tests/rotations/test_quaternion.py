@@ -16,7 +16,7 @@ from tests.placements import draw_quaternions
 CUTS = [1, 2, 3, 4, 8]
 
 
-def by_definition(n, q):
+def find_cell(n, q):
     """Return cells and distances to boundaries, by angles."""
     largest = int(np.abs(q).argmax())
     angles = [math.atan(q[k] / q[largest]) for k in range(4) if k != largest]
@@ -31,7 +31,7 @@ def test_quaternions_belong_to_the_cell_of_their_quotients(n):
     assert len(cells) == 4 * n**3 == len(cells.centers)
     q = rng.normal(size=(3000, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    expected, near = map(np.array, zip(*(by_definition(n, one) for one in q), strict=True))
+    expected, near = map(np.array, zip(*(find_cell(n, one) for one in q), strict=True))
     assert (cells.cell_of(q) == expected)[near > 1e-9].all()
     q = draw_quaternions(cells, rng, 3000)
     np.testing.assert_array_equal(cells.cell_of(q), cells.cell_of(-q))

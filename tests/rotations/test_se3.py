@@ -22,7 +22,7 @@ H = 0.25
 NAMES = ("classify", "is_free", "clearance", "overlap_count", "contains_robot")
 
 
-def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
+def draw_map(rng, n, free=0.8, shape=(2, 1, 2)):
     """Build a map with random states."""
     cells = Rotations.quaternions(n)
     states = np.where(rng.random((len(cells), *shape)) < free, FREE, MIXED).astype(np.uint8)
@@ -53,7 +53,7 @@ def test_compiled_queries_use_the_cells_of_the_definition(n):
 @pytest.mark.parametrize("name", [*NAMES, "nearest_free"])
 @pytest.mark.parametrize("wrong", [(0, 0, 0, 1.00001), (0, 0, 0, 0), (0, 0, 0, math.nan), (math.inf, 0, 0, 0)])
 def test_queries_refuse_invalid_quaternions(name, wrong):
-    space, _ = random_map(np.random.default_rng(0), 1)
+    space, _ = draw_map(np.random.default_rng(0), 1)
     with pytest.raises(InputError, match=r"qx, qy, qz, qw.*norm"):
         getattr(space, name)([0.5, 0.5, 0.5, *wrong])
     with pytest.raises(InputError, match=r"scipy Rotation.*as_quat"):
@@ -70,7 +70,7 @@ def test_queries_refuse_invalid_quaternions(name, wrong):
 # ---- edges -----------------------------------------------------------------------------------------------------------
 
 
-def along(q0, q1, number):
+def interpolate(q0, q1, number):
     """Interpolate an edge like OMPL, shape (number, 7).
 
     At half a turn, the signs choose the arc.
@@ -98,12 +98,12 @@ def test_interpolation_agrees_with_ompl(seed, kind):
     first, second, state = (space.allocState() for _ in range(3))
     for one, q in ((first, q0), (second, q1)):
         one.x, one.y, one.z, one.w = q[3:].tolist()
-    for point, t in zip(along(q0, q1, 9), np.linspace(0.0, 1.0, 9).tolist(), strict=True):
+    for point, t in zip(interpolate(q0, q1, 9), np.linspace(0.0, 1.0, 9).tolist(), strict=True):
         space.interpolate(first, second, t, state)
         np.testing.assert_allclose(point[3:], [state.x, state.y, state.z, state.w], rtol=0.0, atol=1e-12)
 
 
-def firm(cells, q):
+def drop_near_boundaries(cells, q):
     """Return the configurations away from boundaries of rotation cells."""
     around = q[:, None, 3:] + 1e-8 * np.array(list(itertools.product((-1, 1), repeat=4)))
     around /= np.linalg.norm(around, axis=2, keepdims=True)
@@ -136,7 +136,7 @@ def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
     """Test 300 points of free edges, or around others."""
     n, q0, q1 = drawn
     rng = np.random.default_rng(seed)
-    space, _ = random_map(rng, n)
+    space, _ = draw_map(rng, n)
     answers = space.motion_is_free(q0, q1)
     check = space.edge_checker()
     assert [check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == answers.tolist()
@@ -145,9 +145,9 @@ def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
     for a, b, free in zip(q0, q1, answers.tolist(), strict=True):
         half = abs(a[3:] @ b[3:]) < 1e-9
         tilts = [away * np.append([0.0, 0.0, 0.0], a[3:]) for away in ((-1e-10, 1e-10) if half else (0.0,))]
-        q = np.concatenate([along(a, b + tilt, 300) for tilt in tilts])
+        q = np.concatenate([interpolate(a, b + tilt, 300) for tilt in tilts])
         if free:
-            assert space.is_free(firm(space.rotations, q)).all()
+            assert space.is_free(drop_near_boundaries(space.rotations, q)).all()
         elif abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all():  # OMPL does not rotate between nearer ones
             near = np.repeat(q, 30, axis=0) + rng.normal(size=(30 * len(q), 7)) * 5e-3
             near[:, 3:] /= np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
@@ -162,7 +162,7 @@ def test_edges_find_every_cell_on_their_way(n):
     for _ in range(15):
         a, b = draw_quaternions(cells, rng, 2)
         q0, q1 = np.array([0.5, 0.5, 0.5, *a]), np.array([0.5, 0.5, 0.5, *b])
-        passed = np.unique(cells.cell_of(firm(cells, along(q0, q1, 2000))[:, 3:]))
+        passed = np.unique(cells.cell_of(drop_near_boundaries(cells, interpolate(q0, q1, 2000))[:, 3:]))
         for cell in passed[:: max(1, len(passed) // 4)]:
             states[...] = FREE
             states[cell] = MIXED
@@ -185,7 +185,7 @@ def test_positions_and_rotations_advance_together():
         states = np.zeros((len(cells), 8, 1, 1), dtype=np.uint8)
         first = cells.cell_of(Rotation.from_euler("z", 0.5 * half).as_quat())
         states[first, cell] = MIXED
-        there = along(*edge, 4001)
+        there = interpolate(*edge, 4001)
         expected = ((cells.cell_of(there[:, 3:]) == first) & (np.floor(there[:, 0]) == cell)).any()
         assert map_of(states, cells, ALL_FREE, 1.0).motion_is_free(*edge) != expected
 
@@ -203,7 +203,7 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
     )
     states[cells.cell_of(q0[3:]), 3] = MIXED
     space = map_of(states, cells, ALL_FREE, 1.0)
-    assert space.motion_is_free(q0, q1) <= space.is_free(along(q0, q1, 300)).all()
+    assert space.motion_is_free(q0, q1) <= space.is_free(interpolate(q0, q1, 300)).all()
 
 
 # ---- boxes -----------------------------------------------------------------------------------------------------------
@@ -213,7 +213,7 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
 @given(seeds, st.sampled_from([1, 2, 4, 6]), st.sampled_from([0.0, 1e-3, 0.1, 0.7, 2.0, 4.0]))
 def test_all_rotations_in_a_free_box_are_free(seed, n, angle):
     rng = np.random.default_rng(seed)
-    space, _ = random_map(rng, n, 0.995 if n > 2 else 0.8)
+    space, _ = draw_map(rng, n, 0.995 if n > 2 else 0.8)
     q = np.column_stack([rng.uniform(0.1, 0.9, (40, 3)) * (2, 1, 2), draw_quaternions(space.rotations, rng, 40)])
     free = q[space.is_free_around(q, 0.0, angle)]
     assert space.is_free(free).all()
@@ -250,7 +250,7 @@ def test_search_boxes_are_no_larger_than_necessary():
 # ---- geometry --------------------------------------------------------------------------------------------------------
 
 
-def depths(extents, middle, q, lows):
+def compute_depths(extents, middle, q, lows):
     """Return the penetration depth (n,) into cubes.
 
     The depth is negative for disjoint boxes, which one of 15 axes separates (Gottschalk and others, 1996).
@@ -283,7 +283,7 @@ def test_states_of_rotating_boxes_agree_with_geometry(seed, n, as_mesh, outside)
     robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, center)
     space = cspace.build(Workspace.from_array(occupied, H), robot, rotations=Rotations.quaternions(n), outside=outside)
     q = draw_configurations(space, rng, 600)
-    states, depth = space.classify(q), depths(extents, center, q, H * np.argwhere(occupied))
+    states, depth = space.classify(q), compute_depths(extents, center, q, H * np.argwhere(occupied))
     corners = center + extents / 2 * np.array(list(itertools.product((-1, 1), repeat=3)))
     placed = q[:, None, :3] + np.einsum("nij,kj->nki", Rotation.from_quat(q[:, 3:]).as_matrix(), corners)
     if outside == "blocked":

@@ -19,7 +19,7 @@ RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")
 
 
-def random_spheres(dim=2, seed=0, n=20):
+def draw_balls(dim=2, seed=0, n=20):
     rng = np.random.default_rng(seed)
     centers, radii = rng.normal(size=(n, dim)) * 1e3, rng.random(n) * 10.0 ** rng.integers(-9, 3, n)
     return BallDecomposition(centers, radii, "outer", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
@@ -28,7 +28,7 @@ def random_spheres(dim=2, seed=0, n=20):
 @pytest.mark.parametrize("suffix", [".json", ".yaml", ".yml", ".JSON"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_save_and_open_keep_every_bit(tmp_path, suffix, dim):
-    spheres = random_spheres(dim)
+    spheres = draw_balls(dim)
     file = spheres.save(tmp_path / f"balls{suffix}")
     back = BallDecomposition.open(file)
     assert back.centers.tobytes() == spheres.centers.tobytes()
@@ -38,12 +38,12 @@ def test_save_and_open_keep_every_bit(tmp_path, suffix, dim):
 
 
 def test_save_replaces_files_only_if_asked(tmp_path):
-    file = random_spheres().save(tmp_path / "balls.json")
+    file = draw_balls().save(tmp_path / "balls.json")
     before = file.read_bytes()
     with pytest.raises(FileError, match="exists"):
-        random_spheres(seed=1).save(file)
+        draw_balls(seed=1).save(file)
     assert file.read_bytes() == before
-    random_spheres(seed=1).save(file, overwrite=True)
+    draw_balls(seed=1).save(file, overwrite=True)
     assert file.read_bytes() != before
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -99,7 +99,7 @@ def test_open_refuses_invalid_values(tmp_path, key, value, suffix):
 
 def test_save_and_open_refuse_invalid_file_names(tmp_path):
     with pytest.raises(InputError, match=r"\.txt"):
-        random_spheres().save(tmp_path / "balls.txt")
+        draw_balls().save(tmp_path / "balls.txt")
     with pytest.raises(FileError, match="does not exist"):
         BallDecomposition.open(tmp_path / "none.yaml")
     with pytest.raises(InputError, match="file name"):

@@ -19,7 +19,7 @@ SMOOTH = [2.0, 8.0]
 DIMS = [2, 3]
 
 
-def plain(s, alpha):
+def evaluate_plainly(s, alpha):
     """Evaluate the definition in plain Python."""
     if s >= 1.0:
         return 0.0
@@ -33,7 +33,7 @@ def plain(s, alpha):
         return 0.0
 
 
-def reference(alpha, dim, k):
+def integrate_reference(alpha, dim, k):
     """Compute the transform by adaptive quadrature.
 
     Integrate over log(s) near the cusp of the bump.
@@ -43,10 +43,10 @@ def reference(alpha, dim, k):
 
     def in_log(u):
         s = math.exp(-u)
-        return s**dim * plain(s, alpha) * kernel(2.0 * math.pi * k * s)
+        return s**dim * evaluate_plainly(s, alpha) * kernel(2.0 * math.pi * k * s)
 
     def direct(s):
-        return s ** (dim - 1) * plain(s, alpha) * kernel(2.0 * math.pi * k * s)
+        return s ** (dim - 1) * evaluate_plainly(s, alpha) * kernel(2.0 * math.pi * k * s)
 
     steps = np.linspace(0.1, 1.0, 2 + math.ceil(2.0 * k))
     if 1.0 < alpha < math.inf:
@@ -64,7 +64,7 @@ def reference(alpha, dim, k):
 def test_radial_spectrum_agrees_with_adaptive_quadrature(alpha, dim):
     bump = Bump(alpha)
     k = np.array([0.0, 1e-9, 1e-3, 0.0795, 0.0797, 0.37, 1.0, 4.6, 33.3])
-    expected = np.array([reference(alpha, dim, each) for each in k])
+    expected = np.array([integrate_reference(alpha, dim, each) for each in k])
     assert np.abs(bump.radial_spectrum(k, dim) - expected).max() <= 1e-12 * expected[0]
 
 
@@ -80,7 +80,7 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
                 [[0.0], 0.5 ** np.arange(24.0, 0.0, -1.0), 1.0 - 0.5 ** np.arange(2.0, 12.0), [1.0]]
             )
             parts = [
-                integrate.quad(lambda s: s * plain(s, alpha), a, b, wvar=2.0 * math.pi * each, **options)[0]
+                integrate.quad(lambda s: s * evaluate_plainly(s, alpha), a, b, wvar=2.0 * math.pi * each, **options)[0]
                 for a, b in itertools.pairwise(pieces)
             ]
             expected.append(2.0 / each * sum(parts))
@@ -92,7 +92,7 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
         )
         s = (boundaries[:-1, None] + np.diff(boundaries)[:, None] * (0.5 + 0.5 * nodes)).ravel()
         w = (np.diff(boundaries)[:, None] * 0.5 * weights).ravel()
-        values = np.array([plain(each, alpha) for each in s]) * s * w
+        values = np.array([evaluate_plainly(each, alpha) for each in s]) * s * w
         expected = [2.0 * math.pi * float(values @ j0(2.0 * math.pi * each * s)) for each in k]
     spectrum = Bump(alpha).radial_spectrum(k, dim)
     assert np.abs(spectrum - expected).max() <= 1e-12 * Bump(alpha).radial_spectrum(0.0, dim)
@@ -116,7 +116,7 @@ def test_table_interpolates_the_spectrum(alpha, most, dim):
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_profile_agrees_with_the_definition(alpha):
     s = np.array([0.0, 1e-300, 1e-9, 0.1, 0.3, 0.5, 0.77, 0.9, 1.0 - 1e-3, 1.0, 1.0 + 1e-9, 3.0, 1e300])
-    expected = np.array([plain(each, alpha) for each in s])
+    expected = np.array([evaluate_plainly(each, alpha) for each in s])
     values = Bump(alpha).profile(s)
     np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-300)
     assert values.shape == s.shape and Bump(alpha).profile(0.5).shape == ()
@@ -140,7 +140,7 @@ def test_spectrum_converges_to_the_indicator_for_large_alpha(dim):
     assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]
 
 
-def lens_by_quadrature(a, b, distance, dim):
+def integrate_lens(a, b, distance, dim):
     """Integrate slices by the depth of each cap.
 
     This avoids cancellation.
@@ -163,7 +163,7 @@ def test_indicator_pairs_agree_with_the_lens(a, b, dim):
     for share in (1e-3, 0.01, 0.3, 0.8, 0.99):
         distance = abs(a - b) + (1.0 - share) * (a + b - abs(a - b))
         integral = bump.pair_integral(a, b, distance, dim)
-        assert integral == pytest.approx(lens_by_quadrature(a, b, distance, dim), rel=1e-9)
+        assert integral == pytest.approx(integrate_lens(a, b, distance, dim), rel=1e-9)
     whole = bump.radial_spectrum(0.0, dim) * min(a, b) ** dim
     assert bump.pair_integral(a, b, abs(a - b), dim) == pytest.approx(float(whole), rel=1e-12)
     assert bump.pair_integral(a, b, a + b, dim) == 0.0
@@ -201,7 +201,7 @@ def test_barely_overlapping_pairs_keep_their_relative_accuracy(depth):
 
     def product(y, x):
         s, t = math.hypot(x, y) / a, math.hypot(x - distance, y) / b
-        return plain(s, 2.0) * plain(t, 2.0) * scale
+        return evaluate_plainly(s, 2.0) * evaluate_plainly(t, 2.0) * scale
 
     scale = 1.0 / Bump().pair_integral(a, b, distance, 2)
     x, height = np.linspace(distance - b, a, 9), math.sqrt(2.0 * depth)

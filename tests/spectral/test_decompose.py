@@ -34,7 +34,7 @@ def bitmap(shape, seed, part=0.6):
     return np.random.default_rng(seed).random(shape) < part
 
 
-def cells_of(cells, spacing, lower=(0.0, 0.0)):
+def to_cells(cells, spacing, lower=(0.0, 0.0)):
     corners = np.argwhere(cells)
     whole = shapely.union_all(shapely.box(*corners.T, *(corners + 1).T))
     return shapely.transform(whole, lambda points: points * spacing + np.asarray(lower))
@@ -97,7 +97,7 @@ def sample_shape(shape, rng, number=4000):
     )
 
 
-def gaps(points, balls):
+def measure_gaps(points, balls):
     """Return distances to balls, negative inside."""
     return (cdist(points, balls.centers) - balls.radii).min(axis=1)
 
@@ -121,12 +121,12 @@ def check_plane(balls, shape, rng):
         assert shapely.covers(shape, centers).all()
         assert (balls.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size).all()
         assert shapely.within(inner, shape.buffer(1e-9 * size))
-        gap = float(gaps(points, balls).max())
+        gap = float(measure_gaps(points, balls).max())
         assert gap <= high
         assert low <= high <= gap + 0.05 * size
         assert balls.volume_bounds.upper <= 1.0 + 1e-9
     else:
-        assert (gaps(points, balls) <= 0.0).all()
+        assert (measure_gaps(points, balls) <= 0.0).all()
         assert shape.difference(outer).area <= 1e-12 * size**2
         around = np.linspace(0.0, 2 * np.pi, 60)
         rim = balls.centers[:, None] + balls.radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], -1)
@@ -150,7 +150,7 @@ def test_balls_bound_plane_shapes(name, kind, way):
 def test_balls_bound_bitmaps(name, kind):
     cells, lower = BITMAPS[name], (0.3, -2.0)
     balls = decompose(Voxels.of(cells, 0.1, lower), kind=kind, number=40)
-    check_plane(balls, cells_of(cells, 0.1, lower), np.random.default_rng(0))
+    check_plane(balls, to_cells(cells, 0.1, lower), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -159,7 +159,7 @@ def test_balls_bound_a_large_bitmap(kind):
     cells = (x - 350) ** 2 / 3 + (y - 250) ** 2 < 150**2
     balls = decompose(Voxels.of(cells, 0.01), kind=kind, number=10)
     points = (np.argwhere(cells) + np.random.default_rng(0).random((int(cells.sum()), 2))) * 0.01
-    near = gaps(points, balls)
+    near = measure_gaps(points, balls)
     assert balls.volume_ratio > 0.85
     assert near.max() <= (balls.hausdorff.upper if kind == "inner" else 0.0)
 
@@ -186,7 +186,7 @@ def check_solid(balls, mesh, rng):
     surface = np.vstack([sample_surface(triangles, 3000, rng), np.asarray(mesh.vertices)])
     points = rng.uniform(low, high, (400, 3))
     points = np.vstack([surface, points[winds_around(points, triangles)]])
-    near = gaps(points, balls)
+    near = measure_gaps(points, balls)
     if balls.kind == "inner":
         assert winds_around(balls.centers, triangles).all()
         assert (balls.radii <= distance_to_triangles(balls.centers, triangles) + 1e-12 * size).all()
@@ -203,7 +203,7 @@ def check_solid(balls, mesh, rng):
         assert out.max() <= balls.hausdorff.upper
         assert balls.volume_bounds.upper >= 1.0 - 1e-9
     held = rng.uniform(low - 0.3, high + 0.3, (30_000, 3))
-    share = (gaps(held, balls) <= 0.0).mean() * float(np.prod(high - low + 0.6))
+    share = (measure_gaps(held, balls) <= 0.0).mean() * float(np.prod(high - low + 0.6))
     if (balls.centers - balls.radii[:, None] > low - 0.3).all():
         assert balls.measure.lower * 0.93 - 0.02 <= share <= balls.measure.upper * 1.07 + 0.02
 
@@ -222,7 +222,7 @@ def test_balls_bound_voxels(kind):
     balls = decompose(Voxels.of(cells, 0.2), kind=kind, tolerance=0.15)
     points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
     corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
-    near = gaps(np.vstack([points, corners]), balls)
+    near = measure_gaps(np.vstack([points, corners]), balls)
     assert near.max() <= (balls.hausdorff.upper if kind == "inner" else 0.0)
     if kind == "inner":
         turns = np.random.default_rng(2).normal(size=(200, 3))
@@ -234,13 +234,13 @@ def test_balls_bound_voxels(kind):
 def test_balls_cover_open_surfaces_and_lines():
     sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
     balls = decompose(sheet, kind="outer", tolerance=0.1)
-    assert (gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), balls) <= 0.0).all()
+    assert (measure_gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), balls) <= 0.0).all()
     assert math.isinf(balls.volume_ratio)
     assert balls.hausdorff.upper <= 0.1
     line = shapely.LineString([(0, 0), (1, 2), (3, 2)])
     balls = decompose(line, kind="outer", number=30)
     along = shapely.get_coordinates(shapely.line_interpolate_point(line, np.linspace(0, 1, 999), normalized=True))
-    assert (gaps(along, balls) <= 0.0).all()
+    assert (measure_gaps(along, balls) <= 0.0).all()
     assert len(balls) <= 30 and balls.hausdorff.upper <= 0.15
 
 

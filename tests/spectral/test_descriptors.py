@@ -28,12 +28,12 @@ def bitmaps(dim, side=7):
 two_bitmaps = st.sampled_from([2, 3]).flatmap(lambda dim: st.tuples(bitmaps(dim), bitmaps(dim)))
 
 
-def on_grid(values, lower=0.0, spacing=0.5):
+def place_on_grid(values, lower=0.0, spacing=0.5):
     values = np.asarray(values)
     return Descriptor(Grid((lower,) * values.ndim, spacing, values.shape), values)
 
 
-def brute_sum(f, g):
+def sum_by_brute_force(f, g):
     """Add products of pairs at sums of indices."""
     shape = np.add(f.shape, g.shape) - 1
     positions = np.add.outer(*(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g)))
@@ -43,14 +43,14 @@ def brute_sum(f, g):
 
 def dilate(f, g):
     """Return the Minkowski sum of cells."""
-    return brute_sum(f, g) > 0.0
+    return sum_by_brute_force(f, g) > 0.0
 
 
 @given(hnp.array_shapes(min_dims=2, max_dims=3, max_side=6), seeds)
 def test_union_and_intersection_act_on_superlevel_sets(shape, seed):
     rng = np.random.default_rng(seed)
     f, g, h = (np.where(rng.random(shape) < 0.5, rng.random(shape), 0.0) for _ in range(3))
-    a, b, c = on_grid(f), on_grid(g), on_grid(h)
+    a, b, c = place_on_grid(f), place_on_grid(g), place_on_grid(h)
     np.testing.assert_array_equal(superlevel(union(a, b, c)), superlevel(a) | superlevel(b) | superlevel(c))
     np.testing.assert_array_equal(superlevel(intersection(a, b, c)), superlevel(a) & superlevel(b) & superlevel(c))
     np.testing.assert_array_equal(union(a, b).values, f + g)
@@ -60,25 +60,25 @@ def test_union_and_intersection_act_on_superlevel_sets(shape, seed):
 
 def test_superlevel_is_strict():
     values = np.array([[0.0, 0.5], [0.5 + 1e-15, -1.0]])
-    np.testing.assert_array_equal(superlevel(on_grid(values), 0.5), [[False, False], [True, False]])
-    np.testing.assert_array_equal(superlevel(on_grid(values)), [[False, True], [True, False]])
-    np.testing.assert_array_equal(superlevel(on_grid(values), -1.0), [[True, True], [True, False]])
+    np.testing.assert_array_equal(superlevel(place_on_grid(values), 0.5), [[False, False], [True, False]])
+    np.testing.assert_array_equal(superlevel(place_on_grid(values)), [[False, True], [True, False]])
+    np.testing.assert_array_equal(superlevel(place_on_grid(values), -1.0), [[True, True], [True, False]])
 
 
 @pytest.mark.parametrize("method", METHODS)
 @given(two_bitmaps)
 def test_minkowski_sum_of_indicators_is_the_dilation(method, pair):
     f, g = pair
-    result = minkowski_sum(on_grid(f), on_grid(g), method)
+    result = minkowski_sum(place_on_grid(f), place_on_grid(g), method)
     np.testing.assert_array_equal(superlevel(result), dilate(f, g))
     # Sums of cells are whole numbers times the measure of a cell, exactly.
-    np.testing.assert_array_equal(result.values, brute_sum(f, g) * 0.5**f.ndim)
+    np.testing.assert_array_equal(result.values, sum_by_brute_force(f, g) * 0.5**f.ndim)
 
 
 def test_large_minkowski_sum_agrees_with_scipy_dilation():
     rng = np.random.default_rng(3)
     shape, tool = rng.random((300, 200)) < 0.01, rng.random((21, 15)) < 0.2
-    result = superlevel(minkowski_sum(on_grid(shape), on_grid(tool)))
+    result = superlevel(minkowski_sum(place_on_grid(shape), place_on_grid(tool)))
     padded = np.pad(shape, ((10, 10), (7, 7)))
     np.testing.assert_array_equal(result, ndimage.binary_dilation(padded, tool))
 
@@ -89,22 +89,24 @@ def test_methods_agree_and_neither_add_nor_lose_cells(dim, seed):
     rng = np.random.default_rng(seed)
     # Use many orders of magnitude, so that small values drown in the rounding of a transform.
     f, g = (np.where(rng.random(s) < 0.3, 10.0 ** rng.uniform(-250, 3, s), 0.0) for s in ((6,) * dim, (4,) * dim))
-    both = [minkowski_sum(on_grid(f), on_grid(g), method) for method in METHODS]
+    both = [minkowski_sum(place_on_grid(f), place_on_grid(g), method) for method in METHODS]
     for result in both:
         np.testing.assert_array_equal(superlevel(result), dilate(f > 0.0, g > 0.0))
         scale = f.max() * g.max() * f.size
-        np.testing.assert_allclose(result.values, brute_sum(f, g) * 0.5**dim, rtol=0.0, atol=1e-14 * scale + TINY)
+        np.testing.assert_allclose(
+            result.values, sum_by_brute_force(f, g) * 0.5**dim, rtol=0.0, atol=1e-14 * scale + TINY
+        )
 
 
 @given(two_bitmaps, seeds)
 def test_minkowski_sum_commutes_and_translates(pair, seed):
     rng = np.random.default_rng(seed)
     f, g = (rng.normal(size=each.shape) for each in pair)
-    a, b = on_grid(f, -0.3), on_grid(g, 1.1)
+    a, b = place_on_grid(f, -0.3), place_on_grid(g, 1.1)
     one, other = minkowski_sum(a, b), minkowski_sum(b, a)
     assert one.grid.shape == other.grid.shape and one.grid.lower == pytest.approx(other.grid.lower)
     np.testing.assert_allclose(one.values, other.values, atol=1e-12)
-    moved = minkowski_sum(on_grid(f, 2.2), b)
+    moved = minkowski_sum(place_on_grid(f, 2.2), b)
     np.testing.assert_allclose(moved.values, one.values, atol=1e-12)
     np.testing.assert_allclose(np.subtract(moved.grid.lower, one.grid.lower), 2.5)
     # Distributive over union.
@@ -116,7 +118,7 @@ def test_minkowski_sum_commutes_and_translates(pair, seed):
 def test_cell_centers_of_a_sum_are_sums_of_cell_centers(dim):
     f, g = np.zeros((4, 5, 6)[:dim]), np.zeros((3, 2, 4)[:dim])
     f[(1, 3, 2)[:dim]] = g[(2, 0, 1)[:dim]] = 1.0
-    a, b = on_grid(f, -0.7, 0.3), on_grid(g, 0.4, 0.3)
+    a, b = place_on_grid(f, -0.7, 0.3), place_on_grid(g, 0.4, 0.3)
     result = minkowski_sum(a, b)
     (cell,) = np.argwhere(superlevel(result))
     expected = a.grid.center_of((1, 3, 2)[:dim]) + b.grid.center_of((2, 0, 1)[:dim])
@@ -220,7 +222,7 @@ def test_indicator_agrees_with_solids():
 
 def test_descriptors_copy_their_arguments():
     values = np.ones((2, 3))
-    made = on_grid(values)
+    made = place_on_grid(values)
     values[0, 0] = 5.0
     assert made.values[0, 0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
@@ -229,18 +231,18 @@ def test_descriptors_copy_their_arguments():
         BallDescriptor([[0.0, 0.0]], 1.0).centers[0, 0] = 2.0
 
 
-PLANE = on_grid(np.ones((3, 3)))
+PLANE = place_on_grid(np.ones((3, 3)))
 
 
 @refusals(
     "ask, match",
-    (lambda: on_grid(np.full((2, 2), math.nan)), "must be finite"),
+    (lambda: place_on_grid(np.full((2, 2), math.nan)), "must be finite"),
     (lambda: Descriptor(Grid((0, 0), 1.0, (2, 3)), np.ones((3, 2))), "values has shape"),
-    (lambda: union(PLANE, on_grid(np.ones((3, 4)))), "sample all on it"),
-    (lambda: union(PLANE, on_grid(np.ones((3, 3)), lower=0.1)), "sample all on it"),
-    (lambda: intersection(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "sample all on it"),
-    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "they must agree"),
-    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3, 3)))), "they must agree"),
+    (lambda: union(PLANE, place_on_grid(np.ones((3, 4)))), "sample all on it"),
+    (lambda: union(PLANE, place_on_grid(np.ones((3, 3)), lower=0.1)), "sample all on it"),
+    (lambda: intersection(PLANE, place_on_grid(np.ones((3, 3)), spacing=0.6)), "sample all on it"),
+    (lambda: minkowski_sum(PLANE, place_on_grid(np.ones((3, 3)), spacing=0.6)), "they must agree"),
+    (lambda: minkowski_sum(PLANE, place_on_grid(np.ones((3, 3, 3)))), "they must agree"),
     (lambda: minkowski_sum(PLANE, PLANE, "fast"), "method is 'fast'"),
     (lambda: minkowski_sum(PLANE, np.ones((3, 3))), "no Descriptor"),
     (lambda: superlevel(PLANE, math.nan), "threshold"),

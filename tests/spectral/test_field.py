@@ -24,11 +24,11 @@ OBSTACLES = np.array([[1.5, 1.0], [1.5, 1.4], [3.0, 2.6], [3.3, 2.4]]), np.full(
 ROBOT = np.array([[-0.2, 0.0], [0.2, 0.0], [0.3, 0.1]]), np.array([0.15, 0.15, 0.1])
 
 
-def overlap_of(robot: Any, obstacles: Any, **options: Any) -> FourierOverlap:
+def compute_overlap(robot: Any, obstacles: Any, **options: Any) -> FourierOverlap:
     return FourierOverlap.of_shapes(robot, obstacles, swell=0.15, tolerance=1e-3, **options)
 
 
-def scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
+def build_scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
     """Build a map with a ball 0.14 m off a course."""
     dim = 3 if kind == "space" else 2
     centers, radii = np.array([OBSTACLE[:dim]]), np.array([RADIUS])
@@ -49,10 +49,10 @@ def case(request: pytest.FixtureRequest) -> tuple[CSpace, FourierOverlap]:
         centers = np.array([[0.5, 0.5, 0.6], [1.2, 1.0, 0.5]])
         workspace = Workspace.from_balls(centers, 0.25, 0.1, bounds=(0, 0, 0, 1.6, 1.5, 1.2))
         robot = Robot.from_balls([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0]], 0.12)
-        return build(workspace, robot), overlap_of(robot, (centers, 0.25))
+        return build(workspace, robot), compute_overlap(robot, (centers, 0.25))
     workspace = Workspace.from_balls(*OBSTACLES, 0.1, bounds=(0, 0, 4.6, 3.7))
     turns = 5 if request.param == "turning" else None
-    return build(workspace, Robot.from_balls(*ROBOT), rotations=turns), overlap_of(ROBOT, OBSTACLES)
+    return build(workspace, Robot.from_balls(*ROBOT), rotations=turns), compute_overlap(ROBOT, OBSTACLES)
 
 
 @pytest.fixture(scope="module")
@@ -183,11 +183,11 @@ def test_objective_without_overlap_is_the_length() -> None:
 
 @pytest.fixture(scope="module", params=KINDS)
 def carried(request: pytest.FixtureRequest) -> CSpace:
-    space, overlap = scene(request.param)
+    space, overlap = build_scene(request.param)
     return space.with_overlap_field(overlap)
 
 
-def without(space: CSpace, fields: Any = None) -> CSpace:
+def replace_field(space: CSpace, fields: Any = None) -> CSpace:
     """Return the same map with other field arrays, or none."""
     options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
     states, counts = space._kernel_map.states.copy(), space.overlap_counts
@@ -205,10 +205,10 @@ def without(space: CSpace, fields: Any = None) -> CSpace:
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
 def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
-    space, overlap = scene(kind, counts=True, margin=0.01)
+    space, overlap = build_scene(kind, counts=True, margin=0.01)
     clearance = space.clearance(space.nearest_free([0.0] * space.size))
     made, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
-    same(space, without(made))
+    same(space, replace_field(made))
     assert space.overlap_field is None and made.overlap_field is not None
     assert made.overlap_field.space is made and made.overlap_field.values.max() > 0.0
     assert list(made.overlap_field.arrays) == list(FIELD_NAMES[: 1 + space.grid.dim])
@@ -224,7 +224,7 @@ def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
 def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
-    space, overlap = scene(kind)
+    space, overlap = build_scene(kind)
     made = space.with_overlap_field(overlap)
     box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
     before = space.cell_states.copy()
@@ -237,7 +237,7 @@ def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
     assert again.overlap_field is not None
 
 
-def arrays_of(
+def make_arrays(
     *names: str, shape: tuple[int, ...] = (3, 2), bad: float = 0.0, kind: type = np.float64
 ) -> dict[str, Any]:
     """Return zeros, except in the last array."""
@@ -248,25 +248,25 @@ def arrays_of(
 
 @refusals(
     "arrays, message",
-    (arrays_of("penetration"), "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
-    (arrays_of(*FIELD_NAMES), "penetration_z; of a map of 2 axes they must be"),
-    (arrays_of(*FIELD_NAMES[:2], "depth"), "fields are penetration, penetration_x, depth"),
-    (arrays_of(*FIELD_NAMES[:3], shape=(2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
-    (arrays_of(*FIELD_NAMES[:3], shape=(1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
-    (arrays_of(*FIELD_NAMES[:3], bad=np.nan), r"penetration_y\[2, 1\] is nan"),
-    (arrays_of(*FIELD_NAMES[:3], bad=np.inf), r"penetration_y\[2, 1\] is inf"),
-    (arrays_of(*FIELD_NAMES[:3], bad=-np.inf), r"penetration_y\[2, 1\] is -inf"),
-    (arrays_of(*FIELD_NAMES[:3], kind=np.float32), "type float32"),
+    (make_arrays("penetration"), "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
+    (make_arrays(*FIELD_NAMES), "penetration_z; of a map of 2 axes they must be"),
+    (make_arrays(*FIELD_NAMES[:2], "depth"), "fields are penetration, penetration_x, depth"),
+    (make_arrays(*FIELD_NAMES[:3], shape=(2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
+    (make_arrays(*FIELD_NAMES[:3], shape=(1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
+    (make_arrays(*FIELD_NAMES[:3], bad=np.nan), r"penetration_y\[2, 1\] is nan"),
+    (make_arrays(*FIELD_NAMES[:3], bad=np.inf), r"penetration_y\[2, 1\] is inf"),
+    (make_arrays(*FIELD_NAMES[:3], bad=-np.inf), r"penetration_y\[2, 1\] is -inf"),
+    (make_arrays(*FIELD_NAMES[:3], kind=np.float32), "type float32"),
 )
 def test_field_refuses_invalid_arrays(arrays: dict[str, Any], message: str) -> None:
     space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
-    for make in (lambda: without(space, arrays), lambda: OverlapField(space, arrays)):
+    for make in (lambda: replace_field(space, arrays), lambda: OverlapField(space, arrays)):
         with pytest.raises(InputError, match=message):
             make()
 
 
 def test_field_refuses_to_exceed_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    space, overlap = scene("plane")
+    space, overlap = build_scene("plane")
     needed = 3 * 8 * space.grid.size
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: needed)
     with pytest.raises(InputError, match=r"the overlap field has 40 x 32 cells .* may be used.* use a spacing of"):
@@ -276,7 +276,7 @@ def test_field_refuses_to_exceed_the_memory(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_second_field_replaces_the_first() -> None:
-    space, overlap = scene("plane")
+    space, overlap = build_scene("plane")
     first = space.with_overlap_field(overlap)
     wide = FourierOverlap.of_shapes(([[0.0, 0.0]], 0.12), ([[1.0, 0.32]], 0.3), swell=0.4)
     second = first.with_overlap_field(wide)
@@ -287,12 +287,12 @@ def test_second_field_replaces_the_first() -> None:
     np.testing.assert_array_equal(first.overlap_field.values, OverlapField.of(space, overlap).values)
 
 
-def endpoints_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def find_endpoints(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
     more = (0.0,) if space.rotations.names else (0.51,) * (space.size - 2)
     return (0.43, 0.88, *more), (1.57, 0.88, *more)
 
 
-def smallest_distance(space: CSpace, plan: planners.Plan) -> float:
+def measure_smallest_distance(space: CSpace, plan: planners.Plan) -> float:
     """Return the distance to the obstacle along a path."""
     share, dim, distances = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
     for first, second in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
@@ -312,11 +312,11 @@ def smallest_distance(space: CSpace, plan: planners.Plan) -> float:
 @pytest.mark.parametrize("kind", ["plane", "turning"])
 def test_overlap_objective_keeps_paths_farther_from_obstacles(kind: str) -> None:
     """Compare with the straight line, found without weight."""
-    space, overlap = scene(kind)
+    space, overlap = build_scene(kind)
     carried = space.with_overlap_field(overlap)
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 200, "seed": 1}
     plans = [
-        planners.plan(carried, *endpoints_of(space), objective=objective, **options)
+        planners.plan(carried, *find_endpoints(space), objective=objective, **options)
         for objective in (
             "length",
             lambda si: planners.OverlapObjective(si, carried, weight=0.0),
@@ -324,7 +324,7 @@ def test_overlap_objective_keeps_paths_farther_from_obstacles(kind: str) -> None
         )
     ]
     assert all(plan.solved and plan.certified for plan in plans)
-    short, straight, far = (smallest_distance(space, plan) for plan in plans)
+    short, straight, far = (measure_smallest_distance(space, plan) for plan in plans)
     assert short == pytest.approx(0.14, abs=0.001) and straight == pytest.approx(0.14, abs=0.01)
     assert far > 0.19
     assert plans[2].length > plans[1].length
@@ -333,7 +333,7 @@ def test_overlap_objective_keeps_paths_farther_from_obstacles(kind: str) -> None
 def test_objective_by_name_uses_the_field_of_the_map(carried: CSpace) -> None:
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 60, "seed": 3}
     plans = [
-        planners.plan(carried, *endpoints_of(carried), objective=objective, **options)
+        planners.plan(carried, *find_endpoints(carried), objective=objective, **options)
         for objective in (
             "overlap",
             lambda si: planners.OverlapObjective(si, carried),
@@ -346,9 +346,9 @@ def test_objective_by_name_uses_the_field_of_the_map(carried: CSpace) -> None:
 
 
 def test_overlap_objective_refuses_a_map_without_field() -> None:
-    plain, overlap = scene("plane")
+    plain, overlap = build_scene("plane")
     carried = plain.with_overlap_field(overlap)
-    start, goal = endpoints_of(plain)
+    start, goal = find_endpoints(plain)
     si = planners.simple_setup(plain).getSpaceInformation()
     with pytest.raises(InputError, match=r"the map carries none; .* plan on space\.with_overlap_field"):
         planners.OverlapObjective(si, plain)

@@ -34,7 +34,7 @@ DIMS = [2, 3]
 SIDE = {2: 2.0, 3: 0.9}
 
 
-def ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.Generator]:
+def draw_ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.Generator]:
     """Draw balls with few radii and arbitrary frames."""
     rng = np.random.default_rng(seed)
 
@@ -45,7 +45,7 @@ def ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.G
     return balls(rng.integers(1, most), 0.5, 0.2), balls(rng.integers(1, 3 * most), SIDE[dim], 0.3), rng
 
 
-def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, float]:
+def compute_ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, float]:
     """Sum pair integrals by a measured rule."""
     gaps = np.linalg.norm(b[0][None, None] - a[0][:, None] - ts[:, None, None], axis=3)
     firsts, seconds = np.broadcast_to(a[1][:, None], gaps.shape), np.broadcast_to(b[1], gaps.shape)
@@ -55,13 +55,13 @@ def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, floa
     return values.sum(axis=(1, 2)), float(errors.sum(axis=(1, 2)).max())
 
 
-def depth(a: Any, b: Any, ts: np.ndarray) -> np.ndarray:
+def compute_depth(a: Any, b: Any, ts: np.ndarray) -> np.ndarray:
     """Return the largest penetration of two balls."""
     gaps = np.linalg.norm(b[0][None, None] - a[0][:, None] - ts[:, None, None], axis=3)
     return (a[1][:, None] + b[1] - gaps).max(axis=(1, 2))
 
 
-def placements(overlap: FourierOverlap, rng: np.random.Generator, number: int) -> np.ndarray:
+def draw_placements(overlap: FourierOverlap, rng: np.random.Generator, number: int) -> np.ndarray:
     return rng.uniform(*overlap.domain, (number, overlap.dim))
 
 
@@ -71,10 +71,10 @@ def placements(overlap: FourierOverlap, rng: np.random.Generator, number: int) -
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [2.0, math.inf])
 def test_value_agrees_with_pairs_of_balls_within_the_bound(dim: int, alpha: float) -> None:
-    a, b, rng = ball_sets(dim, 3)
+    a, b, rng = draw_ball_sets(dim, 3)
     overlap = FourierOverlap(a, b, bump=Bump(alpha), band=60.0 if dim == 2 else 20.0)
     ts = b[0][rng.integers(len(b[0]), size=12)] - a[0][0] + rng.normal(0.0, 0.1, (12, dim))
-    expected, _ = ideals(a, b, Bump(alpha), ts)
+    expected, _ = compute_ideals(a, b, Bump(alpha), ts)
     off = np.abs(overlap.value(ts) - expected).max()
     assert off <= overlap.bound + 1e-8 * expected.max()
     assert expected.max() > 1e-3
@@ -84,7 +84,7 @@ def test_value_agrees_with_pairs_of_balls_within_the_bound(dim: int, alpha: floa
 
 @pytest.mark.parametrize("dim", DIMS)
 def test_value_is_the_integral_of_the_product_of_descriptors(dim: int) -> None:
-    a, b, _ = ball_sets(dim, 5)
+    a, b, _ = draw_ball_sets(dim, 5)
     overlap = FourierOverlap(BallDescriptor(*a), BallDescriptor(*b), band=None if dim == 2 else 10.0)
     t = b[0][0] - a[0][0] + 0.05
     lower, upper = BallDescriptor(*b).bounds
@@ -97,7 +97,7 @@ def test_value_is_the_integral_of_the_product_of_descriptors(dim: int) -> None:
 
 @pytest.mark.parametrize("dim", DIMS)
 def test_values_on_a_lattice_agree_with_an_fft_correlation(dim: int) -> None:
-    a, b, _ = ball_sets(dim, 7)
+    a, b, _ = draw_ball_sets(dim, 7)
     bump = Bump()
     overlap = FourierOverlap(a, b, bump=bump, band=12.0 if dim == 2 else 5.0)
     lengths, counts = np.array(overlap.lengths), overlap.counts
@@ -125,9 +125,9 @@ def test_values_on_a_lattice_agree_with_an_fft_correlation(dim: int) -> None:
 
 @pytest.mark.parametrize("dim", DIMS)
 def test_gradient_agrees_with_finite_differences(dim: int) -> None:
-    a, b, rng = ball_sets(dim, 11)
+    a, b, rng = draw_ball_sets(dim, 11)
     overlap = FourierOverlap(a, b, band=20.0)
-    ts = placements(overlap, rng, 40) * 0.98
+    ts = draw_placements(overlap, rng, 40) * 0.98
     h = 1e-5
     steps = h * np.eye(dim)
     slopes = [[(overlap.value(t + s) - overlap.value(t - s)) / (2 * h) for s in steps] for t in ts]
@@ -143,9 +143,9 @@ def test_gradient_agrees_with_finite_differences(dim: int) -> None:
 
 @pytest.mark.parametrize("dim", DIMS)
 def test_batches_of_any_shape_agree_with_single_values(dim: int) -> None:
-    a, b, rng = ball_sets(dim, 13)
+    a, b, rng = draw_ball_sets(dim, 13)
     overlap = FourierOverlap(a, b, band=15.0)
-    ts = placements(overlap, rng, 48).reshape(2, 3, 8, dim)
+    ts = draw_placements(overlap, rng, 48).reshape(2, 3, 8, dim)
     ts[1, 2, 3] = overlap.domain[1] + 0.5 * np.array(overlap.lengths)
     ts[1, 2, 2] = overlap.domain[0] - 1e6
     values = overlap.value(ts)
@@ -158,15 +158,15 @@ def test_batches_of_any_shape_agree_with_single_values(dim: int) -> None:
 
 @pytest.mark.parametrize("dim", DIMS)
 def test_rotated_agrees_with_rotated_balls(dim: int) -> None:
-    a, b, rng = ball_sets(dim, 17)
+    a, b, rng = draw_ball_sets(dim, 17)
     turn: Any = 0.7 if dim == 2 else Rotation.from_rotvec([0.3, -0.5, 0.9])
     matrix = (
         np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]]) if dim == 2 else turn.as_matrix()
     )
     overlap = FourierOverlap(a, b, band=15.0)
     turned, anew = overlap.rotated(turn), FourierOverlap((a[0] @ matrix.T, a[1]), b, band=15.0)
-    ts = placements(turned, rng, 40)
-    expected, _ = ideals((a[0] @ matrix.T, a[1]), b, Bump(), ts)
+    ts = draw_placements(turned, rng, 40)
+    expected, _ = compute_ideals((a[0] @ matrix.T, a[1]), b, Bump(), ts)
     assert np.abs(turned.value(ts) - expected).max() <= turned.bound + 1e-12
     assert np.abs(turned.value(ts) - anew.value(ts)).max() <= turned.bound + anew.bound
     assert (turned.lengths, turned.counts, turned.threshold) == (overlap.lengths, overlap.counts, overlap.threshold)
@@ -180,11 +180,11 @@ def test_rotated_agrees_with_rotated_balls(dim: int) -> None:
 @settings(max_examples=6)
 @given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
 def test_verdicts_are_right_about_the_ideal_overlap(seed: int, dim: int, alpha: float, share: float) -> None:
-    a, b, rng = ball_sets(dim, seed)
+    a, b, rng = draw_ball_sets(dim, seed)
     bump = Bump(alpha)
     near = b[0][rng.integers(len(b[0]), size=12)] - a[0][rng.integers(len(a[0]), size=12)]
     ts = near + rng.normal(0.0, 0.15, near.shape)
-    expected, error = ideals(a, b, bump, ts)
+    expected, error = compute_ideals(a, b, bump, ts)
     threshold = float(np.median(expected))
     overlap = FourierOverlap(a, b, bump=bump, threshold=threshold, tolerance=share)
     answers = overlap.separated(ts)
@@ -205,7 +205,7 @@ def test_verdicts_are_right_about_the_ideal_overlap(seed: int, dim: int, alpha: 
 def test_verdicts_about_balls_are_right_near_contact(
     seed: int, dim: int, swell: float, classes: int, swelling: bool
 ) -> None:
-    a, b, rng = ball_sets(dim, seed)
+    a, b, rng = draw_ball_sets(dim, seed)
     made = FourierOverlap.of_shapes(a, b, a, b, swell=swell, classes=classes, tolerance=0.3)
     turn = Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
     overlap = made.rotated(turn)
@@ -217,13 +217,13 @@ def test_verdicts_about_balls_are_right_near_contact(
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     gaps = rng.choice([-1.0, 1.0], 30) * 10.0 ** rng.uniform(-9.0, 0.0, 30)
     ts = b[0][j] - turned[0][i] + (a[1][i] + b[1][j] + gaps)[:, None] * directions
-    deep = depth(turned, b, ts)
+    deep = compute_depth(turned, b, ts)
     verdicts = overlap.separated(ts, swelling=swelling).verdict
     assert (deep[verdicts == Verdict.MISS] < 1e-12).all()
     assert (deep[verdicts == Verdict.HIT] > -1e-12).all()
 
 
-def covered(shape: Any, side: float) -> tuple[Any, Any]:
+def cover_polygon(shape: Any, side: float) -> tuple[Any, Any]:
     """Return discs around and inside a polygon."""
     lower, upper = np.array(shape.bounds[:2]) - side, np.array(shape.bounds[2:]) + side
     axes = (np.arange(low, high, side) for low, high in zip(lower, upper, strict=True))
@@ -238,13 +238,13 @@ def covered(shape: Any, side: float) -> tuple[Any, Any]:
 def test_verdicts_about_polygons_agree_with_shapely() -> None:
     robot = shapely.Polygon([(-0.4, -0.3), (0.5, -0.2), (0.1, 0.0), (0.4, 0.4)])
     hollow = shapely.Polygon([(0, 0), (2, 0), (2, 1.6), (0, 1.6)], [[(0.2, 0.2), (1.7, 0.3), (1.8, 1.4), (0.2, 1.3)]])
-    (outer_a, inner_a), (outer_b, inner_b) = covered(robot, 0.06), covered(hollow, 0.06)
+    (outer_a, inner_a), (outer_b, inner_b) = cover_polygon(robot, 0.06), cover_polygon(hollow, 0.06)
     made = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.05, tolerance=0.02)
     rng = np.random.default_rng(0)
     seen = np.zeros(3, dtype=int)
     for angle in (0.0, 1.0, -2.5):
         overlap = made.rotated(angle)
-        ts = placements(overlap, rng, 200)
+        ts = draw_placements(overlap, rng, 200)
         turned = shapely.affinity.rotate(robot, angle, origin=(0, 0), use_radians=True)
         collides = np.array([shapely.intersects(hollow, shapely.affinity.translate(turned, *t)) for t in ts])
         verdicts = overlap.separated(ts).verdict
@@ -272,7 +272,7 @@ def test_verdicts_about_meshes_agree_with_fcl() -> None:
     for seed in range(2):
         matrix = Rotation.random(random_state=seed).as_matrix()
         overlap = made.rotated(matrix)
-        ts = placements(overlap, rng, 200) * 0.7
+        ts = draw_placements(overlap, rng, 200) * 0.7
         verdicts = overlap.separated(ts).verdict
         for t, verdict in zip(ts, verdicts, strict=True):
             collides = solids.meet(solids.box(sides[0], t, matrix), fixed)
@@ -282,9 +282,9 @@ def test_verdicts_about_meshes_agree_with_fcl() -> None:
 
 
 def test_separated_never_hits_without_inner_balls() -> None:
-    a, b, rng = ball_sets(2, 23)
+    a, b, rng = draw_ball_sets(2, 23)
     overlap = FourierOverlap.of_shapes(a, b, swell=0.1, tolerance=0.1)
-    verdicts = overlap.separated(placements(overlap, rng, 200)).verdict
+    verdicts = overlap.separated(draw_placements(overlap, rng, 200)).verdict
     assert set(verdicts.tolist()) == {Verdict.MISS, Verdict.UNDECIDED}
 
 
@@ -300,7 +300,7 @@ def test_most_misses_need_few_frequencies(dim: int) -> None:
         a = rng.uniform(-0.2, 0.2, (6, dim)), np.full(6, 0.1)
         b = rng.uniform(0.0, 4.0 if dim == 2 else 1.6, (8, dim)), np.full(8, 0.1)
         overlap = FourierOverlap.of_shapes(a, b, swell=0.1, tolerance=1e-2)
-        ts = placements(overlap, rng, 400)
+        ts = draw_placements(overlap, rng, 400)
         for swelling, early in shares.items():
             answers = overlap.separated(ts, swelling=swelling)
             early += (answers.frequencies[answers.verdict == Verdict.MISS] / overlap.frequencies).tolist()
@@ -363,7 +363,7 @@ def test_repeated_rotations_keep_the_shape(dim: int) -> None:
     for _ in range(500):
         overlap = overlap.rotated(turn)
     turned = made.rotated(50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 50.0]))
-    ts = placements(turned, rng, 100)
+    ts = draw_placements(turned, rng, 100)
     assert overlap.value(ts) == pytest.approx(turned.value(ts), abs=1e-11)
     back = overlap.rotated(-50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, -50.0]))
     assert back.value(ts) == pytest.approx(made.value(ts), abs=1e-11)

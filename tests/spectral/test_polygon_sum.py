@@ -38,7 +38,7 @@ def contains_exactly(point, polygon):
     return odd
 
 
-def edges(polygon, point=None):
+def list_edges(polygon, point=None):
     """Yield exact edges of a polygon or its mirror image.
 
     The mirror image is moved to a point.
@@ -65,13 +65,13 @@ def cross(one, other):
 
 def is_sum(point, first, second):
     """Return True if ``point`` is in the sum, exactly."""
-    mirrored = list(edges(second, point))
+    mirrored = list(list_edges(second, point))
     if contains_exactly(mirrored[0][0], first):
         return True
     corner = exact_ring(first.exterior)[0]
     if contains_exactly((point[0] - corner[0], point[1] - corner[1]), second):
         return True
-    return any(cross(one, other) for one in edges(first) for other in mirrored)
+    return any(cross(one, other) for one in list_edges(first) for other in mirrored)
 
 
 @st.composite
@@ -104,7 +104,7 @@ def check_bounds(first, second, points):
     inner, outer = minkowski_sum(first, second)
     assert inner.is_valid and outer.is_valid and outer.geom_type == "Polygon"
     # The outer bound contains the sums of two corners.
-    both = [[q for ring in edges(each) for q in ring] for each in (first, second)]
+    both = [[q for ring in list_edges(each) for q in ring] for each in (first, second)]
     for share in points:
         a, b = (corners[int(share * len(corners))] for corners in both)
         assert contains_exactly((a[0] + b[0], a[1] + b[1]), outer)

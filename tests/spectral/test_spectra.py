@@ -20,7 +20,7 @@ pytest.importorskip("finufft")
 BUMPS = [Bump(2.0), Bump(math.inf)]
 
 
-def direct(centers, radii, bump, frequencies):
+def sum_directly(centers, radii, bump, frequencies):
     """Sum over the balls, term by term."""
     dim = centers.shape[1]
     moduli = np.linalg.norm(frequencies, axis=1)
@@ -30,13 +30,13 @@ def direct(centers, radii, bump, frequencies):
     return (radial * np.exp(-2j * math.pi * (frequencies @ centers.T))).sum(axis=1)
 
 
-def scene(dim, number, classes, seed=0, size=1.0):
+def draw_scene(dim, number, classes, seed=0, size=1.0):
     rng = np.random.default_rng(seed)
     radii = rng.uniform(0.02, 0.3, classes)[rng.integers(0, classes, number)] * size
     return rng.uniform(-size, size, (number, dim)) + rng.uniform(-9, 9, dim), radii
 
 
-def lattice(lengths, counts, number=50, seed=1):
+def draw_lattice(lengths, counts, number=50, seed=1):
     """Draw positions in a spectrum, and their frequencies."""
     rng = np.random.default_rng(seed)
     positions = np.concatenate(
@@ -54,11 +54,11 @@ def lattice(lengths, counts, number=50, seed=1):
 @pytest.mark.parametrize(("number", "classes"), [(30, 2), (700, 3), (110, 110)])
 @pytest.mark.parametrize(("counts", "lengths"), [((64, 45), (2.7, 4.1)), ((24, 17, 20), (2.9, 3.0, 2.7))])
 def test_ball_spectrum_agrees_with_the_direct_sum(bump, tolerance, number, classes, counts, lengths):
-    centers, radii = scene(len(counts), number, classes)
+    centers, radii = draw_scene(len(counts), number, classes)
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     assert spectrum.shape == counts
-    position, frequencies = lattice(lengths, counts)
-    expected = direct(centers, radii, bump, frequencies)
+    position, frequencies = draw_lattice(lengths, counts)
+    expected = sum_directly(centers, radii, bump, frequencies)
     whole = float(bump.radial_spectrum(0.0, len(counts)) * (radii ** len(counts)).sum())
     assert np.abs(spectrum[position] - expected).max() <= tolerance * whole
     assert spectrum[(0,) * len(counts)] == pytest.approx(whole, rel=tolerance)
@@ -68,14 +68,14 @@ def test_ball_spectrum_agrees_with_the_direct_sum(bump, tolerance, number, class
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
 @pytest.mark.parametrize(("counts", "lengths"), [((40, 33), (2.7, 4.1)), ((14, 17, 10), (2.9, 3.0, 2.7))])
 def test_radius_basis_replaces_a_thousand_radii(bump, tolerance, counts, lengths):
-    centers, radii = scene(len(counts), 1000, 100_000)
-    position, frequencies = lattice(lengths, counts, number=5)
+    centers, radii = draw_scene(len(counts), 1000, 100_000)
+    position, frequencies = draw_lattice(lengths, counts, number=5)
     largest = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
     moduli = np.linspace(0.0, largest, 9)
     basis = radius_basis(bump, radii, moduli, len(counts), tolerance, alone={2: 30.0, 3: 15.0}[len(counts)])
     assert basis is not None and len(list(basis)) < 30
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
-    expected = direct(centers, radii, bump, frequencies)
+    expected = sum_directly(centers, radii, bump, frequencies)
     whole = spectrum[(0,) * len(counts)].real
     assert np.abs(spectrum[position] - expected).max() <= tolerance * whole
     assert radius_basis(bump, radii, moduli, len(counts), tolerance, alone=2.0) is None
@@ -85,7 +85,7 @@ def test_radius_basis_replaces_a_thousand_radii(bump, tolerance, counts, lengths
 @given(st.sampled_from([2, 3]), seeds)
 def test_spectra_are_hermitian_additive_and_shift_by_phases(dim, seed):
     rng = np.random.default_rng(seed)
-    centers, radii = scene(dim, int(rng.integers(1, 120)), int(rng.integers(1, 4)), seed)
+    centers, radii = draw_scene(dim, int(rng.integers(1, 120)), int(rng.integers(1, 4)), seed)
     counts, lengths, bump = tuple(rng.integers(3, 20, dim).tolist()), rng.uniform(2.7, 5.0, dim), Bump(2.0)
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts)
     size = 1e-8 * spectrum.flat[0].real
@@ -110,7 +110,7 @@ def test_spectra_are_hermitian_additive_and_shift_by_phases(dim, seed):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_ball_spectrum_is_the_fourier_series_of_the_descriptor(dim):
-    centers, radii = scene(dim, 12, 12, seed=5)
+    centers, radii = draw_scene(dim, 12, 12, seed=5)
     balls = BallDescriptor(centers, radii + 0.45)
     counts, length = (96,) * dim, 3.6
     spectrum = ball_spectrum(centers, balls.radii, balls.bump, length, counts, 1e-10)

@@ -16,13 +16,13 @@ READS = 150
 SECONDS = 20.0
 
 
-def built(number: int) -> cspace.CSpace:
+def build_map(number: int) -> cspace.CSpace:
     workspace = Workspace.from_array(np.roll(CELLS, number, axis=0), 0.1)
     return cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=4 + 4 * number)
 
 
 def save_again_and_again(path: Path, stop: Any) -> None:
-    spaces = built(0), built(1)
+    spaces = build_map(0), build_map(1)
     number = 0
     while not stop.is_set():
         number += 1
@@ -57,7 +57,7 @@ def read_beside(writer: Any, path: Path, read: Any) -> set[Any]:
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_saved_map_that_is_replaced_opens_as_the_old_or_the_new_one(tmp_path: Path) -> None:
-    path, spaces = tmp_path / "map.zarr", (built(0), built(1))
+    path, spaces = tmp_path / "map.zarr", (build_map(0), build_map(1))
     spaces[0].save(path)
 
     def read() -> tuple[Any, ...]:
@@ -89,7 +89,7 @@ def test_a_map_that_is_missing_is_refused_at_once(tmp_path: Path) -> None:
 
 
 def test_a_reader_waits_while_a_map_is_between_two_names(tmp_path: Path) -> None:
-    space = built(0)
+    space = build_map(0)
     space.save(tmp_path / ".cspace-0.zarr")
     context = multiprocessing.get_context("fork")
     process = context.Process(target=rename_late, args=(tmp_path / ".cspace-0.zarr", tmp_path / "map.zarr"))

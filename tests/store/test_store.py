@@ -47,7 +47,7 @@ def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def pair() -> cspace.CSpace:
+def build_pair() -> cspace.CSpace:
     """Build a map of two cells."""
     return cspace.build(cspace.Workspace.from_array([[0, 1]], 0.1), cspace.Robot.disc(0.05))
 
@@ -185,7 +185,7 @@ def test_a_yaw_must_be_one_angle(small: Path, suffix: str, yaw: Any, message: st
 # ---- what may go wrong: a lost chunk that reads as FREE is a collision -------------------------------------------
 
 
-def changed_bytes(file: Path, masks: list[int]) -> Iterator[None]:
+def change_bytes(file: Path, masks: list[int]) -> Iterator[None]:
     """Change one byte after another temporarily; in place, because rewriting files is slow."""
     with file.open("r+b", buffering=0) as opened:
         for at, (byte, mask) in enumerate(zip(file.read_bytes(), masks, strict=True)):
@@ -197,11 +197,11 @@ def changed_bytes(file: Path, masks: list[int]) -> Iterator[None]:
 
 
 def test_any_changed_missing_or_extra_byte_is_refused(tmp_path: Path) -> None:
-    path, space = tmp_path / "map", pair()
+    path, space = tmp_path / "map", build_pair()
     space.save(path)
     for file in files(path):
         content = file.read_bytes()
-        for _ in changed_bytes(file, [1 << (at % 8) for at in range(len(content))]):
+        for _ in change_bytes(file, [1 << (at % 8) for at in range(len(content))]):
             refused(path)
         for other in (content[: len(content) // 2], content[:-1], content + b"\n", b""):
             file.write_bytes(other)
@@ -330,7 +330,7 @@ def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
 def test_an_interrupted_save_leaves_no_half_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop: type[BaseException], old: bool
 ) -> None:
-    path, space, earlier = tmp_path / "map", pair(), MAP_BUILDERS["grid"]()
+    path, space, earlier = tmp_path / "map", build_pair(), MAP_BUILDERS["grid"]()
     space.save(path)
     number = len(list(files(path)))
     shutil.rmtree(path)

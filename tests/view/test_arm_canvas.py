@@ -25,20 +25,20 @@ pytest.importorskip("yourdfpy")
 START, GOAL = (-0.4, 0.3), (2.0, -0.6)
 
 
-def post(x: float, y: float) -> cspace.arms.PosedShape:
+def make_post(x: float, y: float) -> cspace.arms.PosedShape:
     return cspace.arms.PosedShape(cspace.Robot.cylinder(0.1, 1.0).shape, pose_at(x, y))
 
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[cspace.ArmSpace, Viewer]]:
     arm = cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
-    space = cspace.build_arm_space({"post": post(1.2, 1.2)}, arm)
+    space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, arm)
     with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
         assert viewer.page.wait(60.0)
         yield space, viewer
 
 
-def corners(handle: Any) -> Any:
+def place_corners(handle: Any) -> Any:
     """Return the corners of a posed mesh."""
     from scipy.spatial.transform import Rotation
 
@@ -52,10 +52,12 @@ def test_links_follow_the_joints(shown: Any) -> None:
         viewer.page.move(np.array([0.3, 0.7]))
         elbow = np.array([math.cos(q[0]), math.sin(q[0]), 0.0])
         center = elbow + 0.5 * np.array([math.cos(sum(q)), math.sin(sum(q)), 0.0])
-        np.testing.assert_allclose(corners(node(viewer, f"/{name}/fore")).mean(axis=0), center, atol=1e-6)
+        np.testing.assert_allclose(place_corners(node(viewer, f"/{name}/fore")).mean(axis=0), center, atol=1e-6)
     assert node(viewer, "/robot/foot")
     assert not node(viewer, "/goal/foot")  # the fixed foot is drawn once
-    np.testing.assert_allclose(np.ptp(corners(node(viewer, "/obstacles/post")), axis=0), (0.2, 0.2, 1.0), atol=0.01)
+    np.testing.assert_allclose(
+        np.ptp(place_corners(node(viewer, "/obstacles/post")), axis=0), (0.2, 0.2, 1.0), atol=0.01
+    )
 
 
 @pytest.mark.parametrize(
@@ -90,7 +92,7 @@ def test_page_shows_plans_and_proofs(shown: Any) -> None:
     tip_positions = np.asarray(node(viewer, "/path").points)
     for position, q in ((tip_positions[0, 0], START), (tip_positions[-1, 1], GOAL)):
         viewer.page.move(np.array(q))
-        np.testing.assert_allclose(corners(node(viewer, "/robot/fore")).mean(axis=0), position, atol=1e-6)
+        np.testing.assert_allclose(place_corners(node(viewer, "/robot/fore")).mean(axis=0), position, atol=1e-6)
     page.mark("goal", np.array([-0.3, 0.4]))
     assert page.wait(60.0)
     assert page.panel.proof.content == "**The straight motion is free: proven.**"
@@ -135,7 +137,7 @@ def test_view_of_an_arm_refuses_invalid_arguments(
 
 def test_a_map_of_joints_is_in_radians(tmp_path: Path) -> None:
     joints = cspace.build_joint_map(
-        cspace.build_arm_space({"post": post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))), 0.1
+        cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))), 0.1
     )
     with joints.view(block=False, port=0, path=[(2.0, 0.0), (2.5, 0.5)]) as viewer:
         assert viewer.page.wait(60.0)

@@ -60,30 +60,30 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     made.quit()
 
 
-def text(browser: Any) -> str:
+def read_text(browser: Any) -> str:
     """Return the text of the page."""
     return str(browser.execute_script("return document.body.innerText"))
 
 
-def pixels(browser: Any) -> NDArray[np.int64]:
+def take_screenshot(browser: Any) -> NDArray[np.int64]:
     """Return a screenshot of the page, shape (height, width, 3)."""
     with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as picture:
         return np.asarray(picture.convert("RGB")).astype(np.int64)
 
 
-def shares(browser: Any) -> dict[int, float]:
+def measure_shares(browser: Any) -> dict[int, float]:
     """Return the share of each colour of cells."""
-    page = pixels(browser)
+    page = take_screenshot(browser)
     colors = {number: rgb(CLASSES[number][1]) for number in (UNDECIDED, COLLIDES, OBSTACLE)}
     return {number: float((np.abs(page - color).max(axis=-1) < 12).mean()) for number, color in colors.items()}
 
 
-def green(browser: Any) -> float:
+def measure_green(browser: Any) -> float:
     """Return the green share of the page.
 
     A FREE robot is green in any light.
     """
-    red, green, blue = np.moveaxis(pixels(browser), -1, 0)
+    red, green, blue = np.moveaxis(take_screenshot(browser), -1, 0)
     return float((green > np.maximum(red, blue) + 3).mean())
 
 
@@ -113,20 +113,20 @@ def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspac
 
     _, viewer = flat
     browser.get(viewer.url)
-    until(lambda: "A path exists: proven." in text(browser))
-    drawn = until(lambda: (seen := shares(browser))[COLLIDES] > 0.01 and seen)
+    until(lambda: "A path exists: proven." in read_text(browser))
+    drawn = until(lambda: (seen := measure_shares(browser))[COLLIDES] > 0.01 and seen)
     assert drawn[UNDECIDED] > 0.005
 
     show_robot(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
     until(lambda: viewer.page.panel.sliders[2].value == 178.0)
-    until(lambda: "yaw 178°, in a rotation cell of 15°" in text(browser))  # the panel counts it
+    until(lambda: "yaw 178°, in a rotation cell of 15°" in read_text(browser))  # the panel counts it
     np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
     assert viewer.page.wait(20.0)
     there = viewer.canvas.stage.section(viewer.canvas.cells.map_blocks(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
     np.testing.assert_array_equal(node(viewer, "/section/whole").image, there.image)
 
     press(browser, "Plan")
-    until(lambda: "Path found, certified: every edge is proven free." in text(browser))
+    until(lambda: "Path found, certified: every edge is proven free." in read_text(browser))
     assert viewer.plan is not None
     assert viewer.plan.certified
     press(browser, "Play")
@@ -135,9 +135,9 @@ def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspac
     until(lambda: browser.find_elements("xpath", "//button[.//text()='Play']"))
 
     viewer.page.mark("goal", np.array([6.5, 5.3, 0.0]))
-    until(lambda: "No path exists: proven." in text(browser))
+    until(lambda: "No path exists: proven." in read_text(browser))
     press(browser, "Plan")
-    until(lambda: text(browser).count("No path exists: proven.") == 2)
+    until(lambda: read_text(browser).count("No path exists: proven.") == 2)
 
 
 def test_near_camera_shows_small_cells(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
@@ -148,7 +148,7 @@ def test_near_camera_shows_small_cells(browser: Any, flat: tuple[cspace.CSpace, 
     client.camera.position = (4.0, 1.0, 2.5)
     client.camera.look_at = (4.0, 1.2, 0.0)
     until(lambda: node(viewer, "/section/part"))
-    until(lambda: shares(browser)[UNDECIDED] > 0.02)
+    until(lambda: measure_shares(browser)[UNDECIDED] > 0.02)
 
 
 def test_page_loads_nothing_from_other_hosts(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
@@ -168,18 +168,18 @@ def test_page_of_an_arm_moves_and_plans(browser: Any, tmp_path: Path) -> None:
     with space.view(block=False, port=0, start=(-0.4, 0.3), goal=(2.0, -0.6)) as viewer:
         assert viewer.page.wait(60.0)  # compile before the browser waits
         browser.get(viewer.url)
-        until(lambda: "The straight motion is not proven free." in text(browser))
-        before = until(lambda: (seen := green(browser)) > 0.003 and seen)
+        until(lambda: "The straight motion is not proven free." in read_text(browser))
+        before = until(lambda: (seen := measure_green(browser)) > 0.003 and seen)
         show_robot(browser, "shoulder (°)", Keys.HOME, Keys.ARROW_RIGHT)
         until(lambda: viewer.page.panel.sliders[0].value == -171.7)
         until(lambda: np.allclose(viewer.canvas.robot, [np.radians(-171.7), 0.3], atol=1e-4))
         viewer.page.move(np.array([np.pi / 4, 0.0]))
-        until(lambda: "BLOCKED: proven in collision" in text(browser))
-        until(lambda: green(browser) < 0.3 * before)  # it is light blue
+        until(lambda: "BLOCKED: proven in collision" in read_text(browser))
+        until(lambda: measure_green(browser) < 0.3 * before)  # it is light blue
         viewer.page.panel.time_limit.value = 30.0
         press(browser, "Plan")
-        until(lambda: "Path found, certified: every edge is proven free." in text(browser))
+        until(lambda: "Path found, certified: every edge is proven free." in read_text(browser))
         viewer.page.move(np.array([-0.3, 0.3]))
         press(browser, "goal")
-        until(lambda: "The straight motion is free: proven." in text(browser))
+        until(lambda: "The straight motion is free: proven." in read_text(browser))
         np.testing.assert_allclose(viewer.page.marks["goal"], [-0.3, 0.3])

@@ -27,7 +27,7 @@ def parts(request: pytest.FixtureRequest) -> tuple[cspace.Workspace, cspace.Robo
     return cspace.Workspace.from_array(occupied, 0.1), robot, rotations
 
 
-def brute(classes: Any, part: Part) -> Any:
+def reduce_by_brute_force(classes: Any, part: Part) -> Any:
     """Return the largest class in each block."""
     starts = [range(low, high, part.side) for low, high in zip(part.first, part.stop, strict=True)]
     largest = np.empty([len(axis) for axis in starts], dtype=np.uint8)
@@ -49,8 +49,8 @@ def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytes
     everything = Part((0,) * space.grid.dim, space.grid.shape, side)
     part = Part((2,) * space.grid.dim, tuple(n - 1 for n in space.grid.shape), 2)
     for seen, classes in ((rotation, classify_cells(space, rotation)), (None, 7 * workspace.outer)):
-        np.testing.assert_array_equal(held.map_blocks(seen).classes, brute(classes, everything))
-        np.testing.assert_array_equal(held.part_blocks(seen, part).classes, brute(classes, part))
+        np.testing.assert_array_equal(held.map_blocks(seen).classes, reduce_by_brute_force(classes, everything))
+        np.testing.assert_array_equal(held.part_blocks(seen, part).classes, reduce_by_brute_force(classes, part))
 
 
 def test_invalidate_refreshes_blocks(parts: Any) -> None:
@@ -76,7 +76,9 @@ def test_tiled_map_has_the_same_blocks(parts: Any, tmp_path: Path, monkeypatch: 
         np.testing.assert_array_equal(whole.part_blocks(seen, part).classes, held.part_blocks(seen, part).classes)
     monkeypatch.setattr(level_of_detail, "MAX_BLOCKS", stored.grid.size // 2**stored.grid.dim)
     far = CellsInStore(stored).map_blocks(rotation)
-    exact = brute(held.map_blocks(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side))
+    exact = reduce_by_brute_force(
+        held.map_blocks(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side)
+    )
     assert far.side > 1
     assert (far.classes[exact != OPEN] != OPEN).all()  # only free blocks look free
 

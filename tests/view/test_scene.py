@@ -13,7 +13,7 @@ from cspace.view.level_of_detail import CellsInMemory, Part
 from cspace.view.scene import HIGH_COLOR, KINDS, LOW_COLOR, Stage, extract_border, make_robot_surface, path_colors, rgb
 
 
-def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
+def split_rectangles(corners: np.ndarray) -> list[tuple[int, ...]]:
     """Return unit squares as (axis, sign, position)."""
     unit_squares = []
     for one in corners:
@@ -29,7 +29,7 @@ def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
     return unit_squares
 
 
-def brute(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, ...]]:
+def find_border(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, ...]]:
     """Return the unit squares of borders of cells."""
     faces = []
     for cell in np.argwhere(solid):
@@ -50,8 +50,8 @@ def brute(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, .
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
 def test_rectangles_cover_the_border(share: float, has_boundary: bool, lid: bool) -> None:
     solid = np.random.default_rng(0).random((7, 5, 6)) < share
-    rectangles = squares(extract_border(solid, has_boundary, lid))
-    assert sorted(rectangles) == sorted(brute(solid, has_boundary, lid))
+    rectangles = split_rectangles(extract_border(solid, has_boundary, lid))
+    assert sorted(rectangles) == sorted(find_border(solid, has_boundary, lid))
 
 
 def test_a_box_has_six_rectangles() -> None:
@@ -90,7 +90,7 @@ def test_solid_omits_the_hole_of_a_part(room: cspace.CSpace) -> None:
     assert not image[len(image) // 2, len(image[0]) // 3].any()
 
 
-def pixel(section: object, x: float, y: float) -> tuple[int, ...]:
+def read_pixel(section: object, x: float, y: float) -> tuple[int, ...]:
     image, lower, upper, _ = section  # type: ignore[misc]
     column, row = ((np.array([x, y]) - lower) / (upper - lower) * [image.shape[1], -image.shape[0]]).astype(int)
     return tuple(image[row - 1, column].tolist())
@@ -102,14 +102,14 @@ def test_section_shows_cells_at_their_positions() -> None:
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.05))
     section = Stage(space.grid, 0.2).section(CellsInMemory(space).map_blocks(np.empty(0)), 0.2)
     assert section.height == 0.0
-    assert pixel(section, 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
-    assert pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
+    assert read_pixel(section, 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
+    assert read_pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
     high = np.zeros((9, 6, 4), dtype=bool)
     high[7, 1, 2] = True
     space = cspace.build(cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free")
     stage, blocks = Stage(space.grid, 0.2), CellsInMemory(space).map_blocks(np.empty(0))
-    assert pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
-    assert pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent
+    assert read_pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
+    assert read_pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ SPACES = {
 }
 
 
-def room(kind: str) -> cspace.CSpace:
+def build_room(kind: str) -> cspace.CSpace:
     """Build a map of a room with a column."""
     dim, robot, rotations = SPACES[kind]
     occupied = np.zeros((24, 20, 12)[:dim], dtype=bool)
@@ -43,7 +43,7 @@ def room(kind: str) -> cspace.CSpace:
 
 @pytest.fixture(scope="module", params=SPACES)
 def viewer(request: pytest.FixtureRequest) -> Iterator[tuple[cspace.CSpace, Viewer]]:
-    space = room(request.param)
+    space = build_room(request.param)
     with space.view(block=False, port=0) as viewer:
         yield space, viewer
 
@@ -168,7 +168,7 @@ def test_page_of_a_tiled_map_proves_after_a_search(tmp_path: Path) -> None:
 
 
 def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: Path) -> None:
-    space = room("R2")
+    space = build_room("R2")
     space.save(tmp_path / "map.zarr")
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -196,13 +196,13 @@ def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: P
 )
 def test_view_refuses_invalid_arguments(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        room("R2").view(block=False, **options)
+        build_room("R2").view(block=False, **options)
 
 
 def test_the_command_opens_a_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    space = room("R2")
+    space = build_room("R2")
     space.save(tmp_path / "map.zarr")
     free = space.sample_free(2, np.random.default_rng(0))
     (tmp_path / "path.csv").write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in free.tolist()) + "\n")
@@ -293,7 +293,7 @@ def test_play_skips_frames_for_slow_browsers(served: Viewer, monkeypatch: pytest
 def test_trajectories_are_played_at_true_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     import planners
 
-    space = room("R2")
+    space = build_room("R2")
     plan = planners.plan(space, (0.5, 0.5), (2.0, 0.5))
     trajectory = plan.trajectory(max_velocity=2.0, max_acceleration=8.0)
     with space.view(path=trajectory, block=False, port=0) as viewer:
@@ -315,5 +315,5 @@ def test_trajectories_are_played_at_true_speed(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[Viewer]:
-    with room("R2").view(block=False, port=0, start=(0.5, 0.5), goal=(2.0, 0.5)) as viewer:
+    with build_room("R2").view(block=False, port=0, start=(0.5, 0.5), goal=(2.0, 0.5)) as viewer:
         yield viewer
