@@ -64,7 +64,7 @@ def options_for(drive: str | None) -> dict[str, Any]:
     return ({} if drive is None else {"drive": drive}) | (CAR_OPTIONS if drive in CURVES else {})
 
 
-def three_rooms(dim: int) -> Workspace:
+def build_three_rooms(dim: int) -> Workspace:
     """Build three rooms with doors on alternate sides."""
     doors = np.s_[12, 2:6], np.s_[26, 9:13]
     return Workspace.from_array(fill_boxes((40, 16, 6)[:dim], [12, 26], but=doors), 0.1)
@@ -77,14 +77,14 @@ def compile_for(seconds: float) -> None:
 
 
 @cache
-def room(name: str) -> CSpace:
+def build_room(name: str) -> CSpace:
     """Build the map of a room with walls across it."""
     cells, robot, rotations = ROOM_INPUTS[name]
     return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
 
 @cache
-def open_map(name: str) -> CSpace:
+def build_open_map(name: str) -> CSpace:
     """Build a map without obstacles, with a free exterior."""
     dim = 2 if name in ("plane", "turning") else 3
     workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
@@ -92,22 +92,22 @@ def open_map(name: str) -> CSpace:
     return build(workspace, robot, outside="free", rotations=FEW_ROTATIONS.get(name))
 
 
-def with_state(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
+def build_from_states(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
     """Build a map of states (x, ...), or (rotation, x, ...) with ``turns``."""
     return map_of(state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED)
 
 
-def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
+def build_halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     """Build two FREE halves around a wall; return a configuration in each."""
     turns = {"turning": 12, "yawing": 12, "floating": Rotations.quaternions(2)}.get(name)
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
     state = np.full((len(Rotations.of(turns)), *cells), FREE, dtype=np.uint8)
     state[:, 9] = between
     rest = (*(4.5,) * (len(cells) - 1), *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(len(Rotations.of(turns).names), ()))
-    return with_state(state[0] if turns is None else state, turns), (2.5, *rest), (16.5, *rest)
+    return build_from_states(state[0] if turns is None else state, turns), (2.5, *rest), (16.5, *rest)
 
 
-def state_at(space: CSpace, si: Any, q: Any) -> Any:
+def make_state(space: CSpace, si: Any, q: Any) -> Any:
     """Return the OMPL state of a configuration."""
     state = si.allocState()
     kind_of(space).write(state, *map(float, q))
@@ -124,7 +124,7 @@ def draw_around(space: CSpace, n: int, seed: int) -> np.ndarray:
     return wrap_rotations(space, np.column_stack([q, angles]))
 
 
-def edges_from(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def draw_edges(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Draw FREE configurations, and a configuration near each."""
     rng = np.random.default_rng(seed)
     starts = space.sample_free(n, rng)
@@ -139,13 +139,13 @@ def wrap_rotations(space: CSpace, q: np.ndarray) -> np.ndarray:
     return np.column_stack([q[:, : space.grid.dim], turns if "qw" in space.axes else turn_between(0.0, turns)])
 
 
-def along_edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
+def sample_edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
     """Return configurations at ``shares`` of an edge, and its rotation in radians."""
-    points, angles = along_edges(space, first[None], last[None], shares)
+    points, angles = sample_edges(space, first[None], last[None], shares)
     return points[0], float(angles[0])
 
 
-def along_edges(
+def sample_edges(
     space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
@@ -178,7 +178,7 @@ def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
     return corners, cKDTree(corners + space.grid.spacing / 2.0)
 
 
-def least_distance(space: CSpace, points: np.ndarray) -> float:
+def min_distance(space: CSpace, points: np.ndarray) -> float:
     """Return the distance of points to cells that are not FREE."""
     lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), boundary_corners(space)
     least = float(np.minimum(points - lower, upper - points).min())
@@ -192,7 +192,7 @@ def least_distance(space: CSpace, points: np.ndarray) -> float:
     return least
 
 
-def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
+def sample_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
     """Return configurations on the arc with a chord and an angle."""
     angles = turn * along
     yaw = first[2] + angles
@@ -222,13 +222,13 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
         assert rows.dtype == np.float64 and rows.shape[1:] == (space.size,) and not rows.flags.writeable
         both = np.array([start, goal], dtype=float)
         assert np.array_equal(rows[[0, -1], :dim], both[:, :dim])
-        assert (along_edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
+        assert (sample_edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
     assert plan.axes == space.axes
     assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
     known = {tuple(row) for row in path.tolist()}
     assert all(tuple(row) in known for row in waypoints.tolist())
     along = np.linspace(0.0, 1.0, 20 if space.size > dim else 200)
-    straight, angles = along_edges(space, path[:-1], path[1:], along)
+    straight, angles = sample_edges(space, path[:-1], path[1:], along)
     steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
     if plan.turning_radius is None:
         assert (plan.direction is None) == (plan.drive == "holonomic") and plan.length == pytest.approx(steps.sum())
@@ -240,7 +240,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
         assert steps.sum() * (1 - 1e-9) <= plan.length <= steps.sum() * 1.01 + 1e-9
         turns = turn_between(path[:-1, 2], path[1:, 2])
         ahead = zip(path, steps, turns, plan.direction[1:], strict=False)
-        dense = [on_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
+        dense = [sample_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
         # Curves are no tighter than the turning radius, and the robot moves along its heading.
         assert (np.abs(turns) <= 1.02 * steps / plan.turning_radius + 1e-6).all()
         assert all(np.abs(points[-1, :2] - b[:2]).max() < 1e-5 for b, points in zip(path[1:], dense, strict=True))
@@ -252,7 +252,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     if not plan.exact:
         assert space.is_free(points).all()
         if space.size == dim:
-            least = least_distance(space, points)
+            least = min_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
     assert all(seconds >= 0.0 for seconds in dataclasses.astuple(plan.times))
 

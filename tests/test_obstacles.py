@@ -22,7 +22,7 @@ from tests import solids
 from tests.maps import proven_paths
 from tests.refusals import refusals
 from tests.soak.plane import place_polygon
-from tests.updates import OBSTACLE, SPACING, World, agree, check, checkers, room, worlds
+from tests.updates import OBSTACLE, SPACING, World, build_empty_room, check, check_agreement, checkers, worlds
 from tests.waiting import write_while_querying
 
 CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
@@ -101,15 +101,15 @@ def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:
     ours, exactly = checkers(space), checkers(space, exact=True)
     for _ in range(2):
         fresh = stage.step(space)
-        agree(ours, checkers(fresh), world)
-        agree(exactly, checkers(fresh, exact=True), world)
+        check_agreement(ours, checkers(fresh), world)
+        check_agreement(exactly, checkers(fresh, exact=True), world)
         q = world.points(20)
         np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
 
 
 @pytest.mark.parametrize("rotations", [None, 24])
 def test_move_returns_the_changed_cells(rotations: int | None) -> None:
-    space = room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
+    space = build_empty_room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
     space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
     space.add_obstacle("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
     for corner in (0.62, 1.7, 2.31):  # overlapping, within a robot's reach, and beyond
@@ -136,7 +136,7 @@ def test_obstacles_leave_workspace_polygons_unchanged() -> None:
 
 
 def test_exact_queries_see_moves_within_a_cell() -> None:
-    space = room()
+    space = build_empty_room()
     free = space.point_checker(exact=True)
     space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.17, 1.67))
     assert free(2.0, 1.98) and not free(2.0, 1.96)
@@ -145,7 +145,7 @@ def test_exact_queries_see_moves_within_a_cell() -> None:
 
 
 def test_updates_keep_added_obstacles() -> None:
-    space, empty = room(), room()
+    space, empty = build_empty_room(), build_empty_room()
     space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
     state = space.cell_states.copy()
     assert space.update(OBSTACLE & False, (18, 13)).changed == 0  # there was nothing to clear
@@ -244,7 +244,7 @@ def test_obstacles_accept_every_kind_of_shape() -> None:
     ]
     states = []
     for obstacle, radius in obstacles:
-        space = room()
+        space = build_empty_room()
         space.add_obstacle("cart", obstacle, radius=radius)
         states.append(space.cell_states)
     assert all((state == states[0]).all() for state in states)
@@ -263,7 +263,7 @@ def test_obstacles_accept_every_kind_of_shape() -> None:
 
 
 def test_obstacles_accept_robots_and_specs() -> None:
-    space, other = room(), room()
+    space, other = build_empty_room(), build_empty_room()
     for text in ("disc:0.3@1,1", "rect:0.5x0.3@2,1", "ellipse:0.5,0.3@2,2", "footprint:[[1,1],[2,1],[1,2]]"):
         space.add_obstacle("e", text)
         other.add_obstacle("e", Robot.parse(text))
@@ -304,7 +304,7 @@ def test_obstacles_accept_robots_and_specs() -> None:
     ("cart", "no such file.stl", None, "does not exist"),
 )
 def test_rejected_obstacles_change_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
-    space = room()
+    space = build_empty_room()
     space.add_obstacle("cart", CART_BOX)
     state, shape = space.cell_states.copy(), space.obstacles["cart"]
     with pytest.raises(cspace.CspaceError, match=message):
@@ -314,7 +314,7 @@ def test_rejected_obstacles_change_nothing(name: Any, obstacle: Any, radius: Any
 
 
 def test_unknown_names_and_windows_are_rejected() -> None:
-    space = room()
+    space = build_empty_room()
     with pytest.raises(InputError, match="there is no named obstacle"):
         space.remove_obstacle("cart")
     space.add_obstacle("cart", CART_BOX)
@@ -341,7 +341,7 @@ def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
 def test_copies_keep_names_and_change_independently(again: Any) -> None:
-    space, empty = room(), room()
+    space, empty = build_empty_room(), build_empty_room()
     space.add_obstacle("cart", CART_BOX)
     other = again(space)
     assert list(other.obstacles) == ["cart"]
@@ -355,7 +355,7 @@ def test_copies_keep_names_and_change_independently(again: Any) -> None:
 
 
 def test_files_keep_obstacles_but_no_names(tmp_path: Path) -> None:
-    space = room()
+    space = build_empty_room()
     space.add_obstacle("cart", CART_BOX)
     space.save(tmp_path / "map.zarr")
     opened = cspace.open(tmp_path / "map.zarr")
@@ -368,7 +368,7 @@ def test_files_keep_obstacles_but_no_names(tmp_path: Path) -> None:
 
 
 def test_obstacles_from_threads_wait_for_each_other() -> None:
-    space = room("free")
+    space = build_empty_room("free")
 
     def query_map() -> None:
         q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
@@ -387,7 +387,7 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
     write_while_querying(query_map, [partial(move, name) for name in "abc"])
     assert set(space.obstacles) == {"b", "c"}
     fresh = cspace.build(space.workspace, space.robot, outside="free")
-    again = room("free")
+    again = build_empty_room("free")
     for name, shape in space.obstacles.items():
         again.add_obstacle(name, shape)
     q = np.random.default_rng(0).uniform(-1.0, 5.0, (300, 2))
@@ -399,7 +399,7 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
 
 
 def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    space, calls, real = room(), [], Components.refresh
+    space, calls, real = build_empty_room(), [], Components.refresh
     space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
     space.is_connected((1.0, 1.0), (2.0, 2.0))
 
@@ -412,7 +412,7 @@ def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(Components, "refresh", interrupt)
     with pytest.raises(KeyboardInterrupt):
         space.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))  # two changes
-    fresh = room()
+    fresh = build_empty_room()
     fresh.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     q = np.random.default_rng(0).uniform(0.0, 3.0, (100, 2))

@@ -21,7 +21,7 @@ from cspace.map.components import Components
 from tests.handmade import fill_boxes, map_in
 from tests.maps import proven_paths
 from tests.refusals import refusals
-from tests.updates import OBSTACLE, World, agree, check, checkers, room, worlds
+from tests.updates import OBSTACLE, World, build_empty_room, check, check_agreement, checkers, worlds
 from tests.waiting import write_while_querying
 
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
@@ -43,7 +43,7 @@ def test_existing_checkers_follow_updates(world: World) -> None:
     space = world.build()
     ours = checkers(space)
     for fresh in world.stream(space, 3):
-        agree(ours, checkers(fresh), world)
+        check_agreement(ours, checkers(fresh), world)
 
 
 @pytest.mark.parametrize("kinds", [("plane", "turning"), ("space", "turning in space", "turning in space any way")])
@@ -61,7 +61,7 @@ def test_exact_queries_and_checkers_follow_updates(kinds: tuple[str, ...], data:
         np.testing.assert_array_equal(
             space.motion_is_free(q, near, exact=True), fresh.motion_is_free(q, near, exact=True)
         )
-        agree(ours, checkers(fresh, exact=True), world)
+        check_agreement(ours, checkers(fresh, exact=True), world)
 
 
 @settings(max_examples=8)
@@ -91,7 +91,7 @@ def test_updates_without_inner_cells_block_nothing(bare: bool, outside: str) -> 
 
 
 def test_update_copies_read_only_states() -> None:
-    made = room()
+    made = build_empty_room()
     given_state = made.cell_states
     assert not given_state.flags.writeable
     space = map_in(made.workspace, made.robot, given_state)
@@ -103,7 +103,7 @@ def test_update_copies_read_only_states() -> None:
 
 
 def test_update_returns_the_examined_box() -> None:
-    space = room()
+    space = build_empty_room()
     before = space.cell_states.copy()
     update = space.update(OBSTACLE, (18, 13))
     reach = 4  # three cells of the disc, and one because the reference point may be anywhere in its cell
@@ -115,22 +115,22 @@ def test_update_returns_the_examined_box() -> None:
 
 
 def test_update_examines_only_differing_cells() -> None:
-    space = room()
+    space = build_empty_room()
     cells = fill_boxes((40, 30), np.s_[18:22, 13:17])
-    assert space.update(cells, (0, 0)) == room().update(OBSTACLE, (18, 13))
+    assert space.update(cells, (0, 0)) == build_empty_room().update(OBSTACLE, (18, 13))
     nothing = space.update(cells, (0, 0))
     assert (nothing.occupied, nothing.changed, nothing.lower, nothing.upper) == (0, 0, (0, 0), (0, 0))
 
 
 def test_update_counts_cells_of_every_rotation() -> None:
-    space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # four slices are stored
+    space = build_empty_room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # four slices are stored
     before = space.cell_states.copy()
     update = space.update(OBSTACLE, (18, 13))
     assert update.changed == np.count_nonzero(space.cell_states != before)
 
 
 def test_a_robot_larger_than_the_map_changes_nothing() -> None:
-    space = room(robot=Robot.disc(9.0))
+    space = build_empty_room(robot=Robot.disc(9.0))
     update = space.update(OBSTACLE, (18, 13))
     assert update.occupied == 16 and update.changed == 0 and update.lower == update.upper
     assert (space.cell_states == BLOCKED).all()
@@ -177,7 +177,7 @@ def test_update_replaces_shapes_by_cells() -> None:
 
 @pytest.mark.parametrize("rotations", [None, 8])
 def test_ompl_queries_the_updated_map(rotations: int | None) -> None:
-    space = room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
+    space = build_empty_room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
     setup = planners.simple_setup(space)
     si, inside = setup.getSpaceInformation(), setup.getStateSpace().allocState()
     if rotations is None:
@@ -194,7 +194,7 @@ def test_ompl_queries_the_updated_map(rotations: int | None) -> None:
 
 @pytest.mark.parametrize("rotations", [None, 8])
 def test_prefetched_samples_are_checked_after_an_update(rotations: int | None) -> None:
-    space = room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
+    space = build_empty_room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
     si = planners.simple_setup(space).getSpaceInformation()
     sampler, state = planners.FreeStateSampler(si, space, np.random.default_rng(3)), si.allocState()
     assert sampler.sample(state)
@@ -236,7 +236,7 @@ def test_plans_follow_a_door_that_closes_and_opens() -> None:
     (~OBSTACLE, (0, 0), OBSTACLE, "which is not in cells"),
 )
 def test_rejected_updates_change_nothing(cells, lower, inner, message) -> None:
-    space = room()
+    space = build_empty_room()
     workspace, state = space.workspace, space.cell_states.copy()
     with pytest.raises(InputError, match=message):
         space.update(cells, lower, inner=inner)
@@ -251,7 +251,7 @@ def test_rejected_updates_change_nothing(cells, lower, inner, message) -> None:
 
 
 def test_update_accepts_cells_of_any_type() -> None:
-    expected = room()
+    expected = build_empty_room()
     expected.update(OBSTACLE, (18, 13))
     odd = np.full((4, 4), 2, dtype=np.uint8).view(np.bool_)  # true, but not 1
     turned = np.asfortranarray(np.ones((8, 8), dtype=bool))[::2, ::2]
@@ -259,7 +259,7 @@ def test_update_accepts_cells_of_any_type() -> None:
     frozen.setflags(write=False)
     for cells in (OBSTACLE.astype(int), OBSTACLE.tolist(), odd, turned, frozen):
         for lower in ((18, 13), [18, 13], np.array([18, 13]), (np.int32(18), 13)):
-            space = room()
+            space = build_empty_room()
             space.update(cells, lower)
             np.testing.assert_array_equal(space.cell_states, expected.cell_states)
             assert set(np.unique(space.workspace.outer.view(np.uint8))) == {0, 1}
@@ -299,7 +299,7 @@ def test_interrupted_update_leaves_a_correct_map(
     with pytest.raises(KeyboardInterrupt):
         space.update(cells, (4, 5))
     check(space, world.build(), world)
-    agree(ours, checkers(world.build()), world)
+    check_agreement(ours, checkers(world.build()), world)
 
 
 @pytest.mark.parametrize("number", [0, 2, 7], ids=["first batch", "third batch", "never"])
@@ -307,7 +307,7 @@ def test_an_update_interrupted_between_batches_of_slices_is_completed(
     number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(update, "SCRATCH_BYTES", 1)  # a slice at a time
-    space = room("free", Robot.rectangle(0.6, 0.4, (0.3, 0.1)), 5)
+    space = build_empty_room("free", Robot.rectangle(0.6, 0.4, (0.3, 0.1)), 5)
     calls, fill = [], Correlation.fill
 
     def interrupt(*args: Any) -> str:
@@ -329,7 +329,7 @@ def test_an_update_interrupted_between_batches_of_slices_is_completed(
 
 
 def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    space = room()
+    space = build_empty_room()
 
     def fail(*args: Any) -> str:
         raise MemoryError
@@ -339,7 +339,7 @@ def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: py
         with pytest.raises(MemoryError):
             space.update(OBSTACLE, (18, 13))
     assert not space.workspace.outer.any()
-    np.testing.assert_array_equal(space.cell_states, room().cell_states)
+    np.testing.assert_array_equal(space.cell_states, build_empty_room().cell_states)
     assert space.update(OBSTACLE, (18, 13)).occupied == 16
 
 
@@ -347,7 +347,7 @@ def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: py
 
 
 def test_updates_from_threads_wait_for_each_other() -> None:
-    space, rng = room("free"), np.random.default_rng(0)
+    space, rng = build_empty_room("free"), np.random.default_rng(0)
     space.clearance((1.0, 1.0))
     space.is_connected((1.0, 1.0), (2.0, 2.0))
     places = [(int(x), int(y)) for x, y in rng.integers(0, (36, 26), (40, 2))]
@@ -375,7 +375,7 @@ def test_updates_from_threads_wait_for_each_other() -> None:
 @pytest.mark.parametrize("name", ["map.npz", "map.yaml"])
 def test_a_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     # Updates wait for saves, so states and obstacles in a file agree.
-    space = room()
+    space = build_empty_room()
     changing = threading.Thread(target=lambda: space.update(OBSTACLE, (10, 10)))
     module: Any = np if name == "map.npz" else images
     step = "savez_compressed" if name == "map.npz" else "check_suffix"
@@ -391,7 +391,7 @@ def test_a_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(module, step, in_the_midst)
     space.export(tmp_path / name)
     changing.join()
-    assert (space.cell_states != FREE).sum() > (room().cell_states != FREE).sum()
+    assert (space.cell_states != FREE).sum() > (build_empty_room().cell_states != FREE).sum()
 
 
 def test_paths_match_the_map_before_or_after_an_update(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,7 @@ from cspace.map.storage import PackedStates
 from planners.states import kind_of
 from tests.handmade import joint_maps
 from tests.maps import proven_paths
-from tests.planning import ENDPOINTS, room
+from tests.planning import ENDPOINTS, build_room
 from tests.strategies import rotation_cells, seeds
 
 MAP_SIZES = {"plane": ((16, 12), Robot.rectangle(0.3, 0.1)), "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1)))}
@@ -95,11 +95,11 @@ def test_joint_maps_return_angles_from_minus_pi_to_below_pi(drawn: Any, seed: in
 @pytest.mark.parametrize("planner", ["RRTConnect", "Grid", "MaxClearance"])
 def test_plans_return_yaws_from_minus_pi_to_below_pi(name: str, planner: str) -> None:
     start, goal = ([*q[:-1], q[-1] + turns * 2.0 * math.pi] for q, turns in zip(ENDPOINTS[name], (1, -2), strict=True))
-    plan = planners.plan(room(name), start, goal, planner=planner, simplify=False, seed=0)
+    plan = planners.plan(build_room(name), start, goal, planner=planner, simplify=False, seed=0)
     assert plan.solved
     assert_in_range(plan.start[-1], plan.goal[-1], plan.path[:, -1], plan.waypoints[:, -1])
     with pytest.raises(ConfigurationError, match="the nearest is") as caught:
-        planners.plan(room(name), [0.0] * (len(start) - 1) + [4.0], goal)
+        planners.plan(build_room(name), [0.0] * (len(start) - 1) + [4.0], goal)
     assert_in_range(caught.value.nearest[-1])  # type: ignore[index]
 
 
@@ -118,7 +118,7 @@ def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
 @pytest.mark.parametrize("name", ["turning", "yawing"])
 def test_samples_are_valid_starts_and_goals_of_a_custom_setup(name: str) -> None:
     # OMPL skips a start whose yaw is outside its bounds.
-    space, rng = room(name), np.random.default_rng(0)
+    space, rng = build_room(name), np.random.default_rng(0)
     for _ in range(30):
         setup = og.SimpleSetup(planners.state_space(space))
         si = setup.getSpaceInformation()

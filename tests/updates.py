@@ -17,7 +17,9 @@ SPACING = 0.5
 OBSTACLE = np.ones((4, 4), dtype=bool)
 
 
-def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
+def build_empty_room(
+    outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None
+) -> cspace.CSpace:
     """Build the map of an empty room of 40 x 30 cells."""
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
@@ -149,7 +151,7 @@ def checkers(space: CSpace, exact: bool = False) -> list[Any]:
     return made if exact else [*made, space.clearance_checker()]
 
 
-def agree(ours: list[Any], theirs: list[Any], world: World) -> None:
+def check_agreement(ours: list[Any], theirs: list[Any], world: World) -> None:
     """Compare the answers of checkers."""
     q = world.points(30)
     for a, b in zip(q.tolist(), world.near(q, 0.1).tolist(), strict=True):

@@ -16,7 +16,7 @@ from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
 from tests import handmade, oracles
 from tests.handmade import ALL_FREE, Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
-from tests.planning import along_edge
+from tests.planning import sample_edge
 from tests.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 H = 0.25
@@ -143,7 +143,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     q0, q1 = handmade.configurations(space, endpoints)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):
-        assert space.is_free(along_edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
+        assert space.is_free(sample_edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
 
 
 @pytest.mark.parametrize("dim", [2, 3])

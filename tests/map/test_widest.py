@@ -22,7 +22,7 @@ from cspace.map import search, widest
 from cspace.map.components import Components
 from tests import handmade
 from tests.oracles import link_cells, path_length, to_graph
-from tests.planning import ENDPOINTS, room, turn_between, with_state
+from tests.planning import ENDPOINTS, build_from_states, build_room, turn_between
 from tests.strategies import seeds
 
 WIDEST_SPACES = ("plane", "space", "turning", "yawing")
@@ -34,7 +34,7 @@ def draw_map(name: str, rng: np.random.Generator) -> CSpace:
     cells = tuple((rng.integers(3, 9, 2) if name in ("plane", "turning") else rng.integers(2, 5, 3)).tolist())
     shape = (WIDEST_TURNS[name], *cells) if name in WIDEST_TURNS else cells
     state = np.where(rng.random(shape) < rng.uniform(0.02, 0.3), MIXED, FREE).astype(np.uint8)
-    return with_state(state, WIDEST_TURNS.get(name), spacing=0.5)
+    return build_from_states(state, WIDEST_TURNS.get(name), spacing=0.5)
 
 
 def make_widest(space: CSpace) -> widest.Widest:
@@ -140,7 +140,7 @@ def test_levels_are_distances_to_cells_that_are_not_free(
 ) -> None:
     rng = np.random.default_rng(seed)
     state = np.where(rng.random(shape) < rng.choice([0.0, 0.02, 0.3]), MIXED, FREE).astype(np.uint8)
-    space = with_state(state)
+    space = build_from_states(state)
     table = np.array([[*np.repeat([0, -1], len(shape)), FREE if exterior_open else MIXED]])
     map_ = space._kernel_map._replace(exterior=table)
     levels = widest.Widest.of(map_, map_.states, space.rotations, space.periodic_axes).levels.reshape(shape)
@@ -163,7 +163,7 @@ def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
 
 @pytest.mark.parametrize("name", [*WIDEST_SPACES, "floating"])
 def test_widest_path_takes_the_wide_passage(name: str) -> None:
-    space = room(name)
+    space = build_room(name)
     path = space.find_widest_path(*ENDPOINTS[name])
     assert len(path) > 2 and space.certify_path(path).all()
     assert np.array_equal(path[[0, -1]], space.rotations._make_canonical(np.array(ENDPOINTS[name])))
@@ -177,7 +177,7 @@ def test_memory_does_not_grow_with_path_length() -> None:
     state = np.zeros((240, 200), dtype=np.uint8)
     for n, x in enumerate(range(6, 234, 8)):
         state[x, slice(0, -6) if n % 2 else slice(6, None)] = MIXED
-    space, endpoints = with_state(state, spacing=1.0), ((2.5, 100.5), (237.5, 100.5))
+    space, endpoints = build_from_states(state, spacing=1.0), ((2.5, 100.5), (237.5, 100.5))
     space.find_widest_path(*endpoints)  # compiled
     tracemalloc.start()
     path = space.find_widest_path(*endpoints)
@@ -191,7 +191,7 @@ def test_memory_does_not_grow_with_path_length() -> None:
 def test_interrupted_search_leaves_no_partial_state(
     name: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected, checks = room(name).find_widest_path(*ENDPOINTS[name]), [0]
+    expected, checks = build_room(name).find_widest_path(*ENDPOINTS[name]), [0]
 
     def check(until: float) -> None:
         checks[0] -= 1
@@ -202,7 +202,7 @@ def test_interrupted_search_leaves_no_partial_state(
     monkeypatch.setattr(search, "check_deadline", check)
     monkeypatch.setattr(widest, "check_deadline", check)
     for n_checks in itertools.count(1):
-        space, checks[0], path = copy.copy(room(name)), n_checks, expected[:0]
+        space, checks[0], path = copy.copy(build_room(name)), n_checks, expected[:0]
         with contextlib.suppress(error):
             path = space.find_widest_path(*ENDPOINTS[name])
         checks[0] = 0
@@ -260,4 +260,4 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
 def test_widest_path_refuses_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
     with pytest.raises(InputError, match=r"to find its widest path.* needs about .* of memory.*at most 950 bytes"):
-        room("plane").find_widest_path(*ENDPOINTS["plane"])
+        build_room("plane").find_widest_path(*ENDPOINTS["plane"])

@@ -14,7 +14,7 @@ from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
 from tests.handmade import fill_boxes
-from tests.planning import room, turn_between, with_state
+from tests.planning import build_from_states, build_room, turn_between
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 TURNING_RADII = [0.3, 1.0, 4.0]
@@ -22,7 +22,7 @@ TURNING_RADII = [0.3, 1.0, 4.0]
 
 @pytest.fixture(scope="module")
 def space() -> CSpace:
-    return room("turning")
+    return build_room("turning")
 
 
 def curve(name: str, radius: float, space: Any = None) -> CarCurves:
@@ -219,7 +219,7 @@ def free_except_cell(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
     """Build a FREE map, except for one cell (rotation, x, y)."""
     stack = np.full((36, 40, 40), FREE, dtype=np.uint8)
     stack[cell] = state
-    return with_state(stack, len(stack), spacing=0.1)
+    return build_from_states(stack, len(stack), spacing=0.1)
 
 
 @pytest.mark.parametrize("name", CURVES)

@@ -9,19 +9,19 @@ from ompl import base as ob
 import planners
 from cspace import CSpace, InputError, Robot, Workspace, build
 from tests.handmade import fill_boxes
-from tests.planning import CAR_OPTIONS, SPACES, bounds_of, draw_around, edges_from, room, state_at
+from tests.planning import CAR_OPTIONS, SPACES, bounds_of, build_room, draw_around, draw_edges, make_state
 
 
 @pytest.fixture(params=SPACES)
 def space(request: pytest.FixtureRequest) -> CSpace:
-    return room(request.param)
+    return build_room(request.param)
 
 
 def test_state_checks_equal_map_queries(space: CSpace) -> None:
     setup = planners.simple_setup(space)
     si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
     q = draw_around(space, 1500, 0)
-    states = [state_at(space, si, each) for each in q]
+    states = [make_state(space, si, each) for each in q]
     assert [si.isValid(state) for state in states] == space.is_free(q).tolist()
     assert 0.1 < space.is_free(q).mean() < 0.9
     assert [checker.clearance(state) for state in states] == space.clearance(q).tolist()
@@ -33,9 +33,9 @@ def test_state_checks_equal_map_queries(space: CSpace) -> None:
 
 def test_motion_checks_equal_map_queries(space: CSpace) -> None:
     si = planners.simple_setup(space).getSpaceInformation()
-    starts, ends = edges_from(space, 800, 1)
+    starts, ends = draw_edges(space, 800, 1)
     pairs = zip(starts, ends, strict=True)
-    queried = [si.checkMotion(state_at(space, si, a), state_at(space, si, b)) for a, b in pairs]
+    queried = [si.checkMotion(make_state(space, si, a), make_state(space, si, b)) for a, b in pairs]
     assert queried == space.motion_is_free(starts, ends).tolist()
     assert any(queried) and not all(queried)
 
@@ -43,8 +43,8 @@ def test_motion_checks_equal_map_queries(space: CSpace) -> None:
 def test_a_valid_motion_is_free_along_its_length(space: CSpace) -> None:
     si, states = (setup := planners.simple_setup(space)).getSpaceInformation(), setup.getStateSpace()
     between, read, kinds = si.allocState(), planners.states.kind_of(space).read, set()
-    for a, b in zip(*edges_from(space, 150, 5), strict=True):
-        first, second = state_at(space, si, a), state_at(space, si, b)
+    for a, b in zip(*draw_edges(space, 150, 5), strict=True):
+        first, second = make_state(space, si, a), make_state(space, si, b)
         valid = si.checkMotion(first, second)
         along = []
         for share in np.linspace(0.0, 1.0, 101).tolist():
@@ -67,7 +67,7 @@ def test_checkers_can_be_subclassed(space: CSpace) -> None:
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(Mine(si, space))
     q = draw_around(space, 100, 2)
-    assert [si.isValid(state_at(space, si, each)) for each in q] == space.is_free(q).tolist()
+    assert [si.isValid(make_state(space, si, each)) for each in q] == space.is_free(q).tolist()
     assert len(queried) == len(q)
 
 
@@ -80,7 +80,7 @@ def test_a_thin_wall_is_not_stepped_over_as_by_ompl_alone() -> None:
     crossings = [((20.05 - a, 0.4), (20.05 + b, 0.4)) for a in np.arange(0.3, 2, 0.13) for b in np.arange(0.3, 2, 0.13)]
 
     def crosses(info: Any) -> bool:
-        return any(info.checkMotion(state_at(thin, info, a), state_at(thin, info, b)) for a, b in crossings)
+        return any(info.checkMotion(make_state(thin, info, a), make_state(thin, info, b)) for a, b in crossings)
 
     assert crosses(bare) and not crosses(si)
 
@@ -90,7 +90,7 @@ def test_answers_can_be_overridden_and_restored(space: CSpace) -> None:
     setup = planners.simple_setup(space)
     si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
     validator = si.getMotionValidator()
-    free = state_at(space, si, space.sample_free(rng=np.random.default_rng(0)))
+    free = make_state(space, si, space.sample_free(rng=np.random.default_rng(0)))
     for queried, answerer in ((lambda: si.isValid(free), checker), (lambda: si.checkMotion(free, free), validator)):
         before = queried()
         answerer._override(lambda *_: False)
@@ -101,7 +101,7 @@ def test_answers_can_be_overridden_and_restored(space: CSpace) -> None:
 
 def test_curves_require_a_robot_that_rotates_in_the_plane() -> None:
     for name, message in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave drive out")):
-        space = room(name)
+        space = build_room(name)
         si = planners.simple_setup(space).getSpaceInformation()
         options: dict[str, Any] = {"drive": "dubins", **CAR_OPTIONS}
         for make in (

@@ -11,7 +11,15 @@ import planners
 from cspace import MIXED, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
 from planners.search import Deadline, OutOfTime
-from tests.planning import ANYTIME_PLANNERS, ENDPOINTS, SPACES_WITH_CURVES, compile_for, halves, options_for, room
+from tests.planning import (
+    ANYTIME_PLANNERS,
+    ENDPOINTS,
+    SPACES_WITH_CURVES,
+    build_halves,
+    build_room,
+    compile_for,
+    options_for,
+)
 
 LIMIT = 0.015
 """Time limit in seconds."""
@@ -37,7 +45,7 @@ def in_time(space: Any, endpoints: Any, limit: float = LIMIT, **options: Any) ->
 @cache
 def warm(name: str) -> tuple[tuple[Any, Any, Any], ...]:
     """Build maps with and without a path, and fill their caches by a plan."""
-    cases = ((room(name), *ENDPOINTS[name]), halves(name, MIXED))
+    cases = ((build_room(name), *ENDPOINTS[name]), build_halves(name, MIXED))
     for space, start, _ in cases:
         planners.plan(space, start, start, time_limit=0.01)
         space.clearance(start)
@@ -94,7 +102,7 @@ def test_a_planner_step_that_takes_too_long_is_cut_off() -> None:
             time.sleep(0.002)
             return super().motionCost(first, second)
 
-    space = room("plane")
+    space = build_room("plane")
     plan = in_time(space, ENDPOINTS["plane"], planner="FMT", objective=lambda si: Slow(si, space))
     assert slow and plan.solved and plan.status.startswith("path found: the first one, by RRTConnect")
 
@@ -109,7 +117,7 @@ def test_a_simplification_that_takes_too_long_is_cut_off(monkeypatch: pytest.Mon
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Slow)
-    plan = in_time(room("space"), ENDPOINTS["space"], seed=1)
+    plan = in_time(build_room("space"), ENDPOINTS["space"], seed=1)
     assert calls and (plan.certified or not plan.solved)
 
 
@@ -127,7 +135,7 @@ def test_compiling_takes_no_time_from_the_search(options: dict[str, Any], monkey
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Compiled)
-    plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=0.2, seed=1, **options)
+    plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"], time_limit=0.2, seed=1, **options)
     assert plan.solved and len(calls) > 1
     assert plan.times.setup >= 0.4 and plan.times.planning + plan.times.simplification < 0.45
 
@@ -151,7 +159,7 @@ def test_a_seed_gives_the_same_plan_whether_it_compiles_or_not(
     for _ in seconds:
         calls.append(0)
         options = {"planner": "RRTConnect", "time_limit": 0.2, "seed": 1, "iterations": iterations}
-        plan = planners.plan(room("plane"), *ENDPOINTS["plane"], **options)
+        plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"], **options)
         assert plan.solved == (iterations is None)
         paths.append(plan.path.tolist())
     assert paths[0] == paths[1] and calls[0] == calls[1] > 0

@@ -16,7 +16,16 @@ from planners.local_planner import TurnDriveTurn, local_planner
 from tests.handmade import fill_boxes
 from tests.maps import proven_paths
 from tests.placements import collides
-from tests.planning import ENDPOINTS, check, open_map, plan_patiently, room, state_at, turn_between, with_state
+from tests.planning import (
+    ENDPOINTS,
+    build_from_states,
+    build_open_map,
+    build_room,
+    check,
+    make_state,
+    plan_patiently,
+    turn_between,
+)
 
 DRIVES = ("differential", "differential-reverse")
 
@@ -77,7 +86,7 @@ def check_driven(plan: planners.Plan, drive: str) -> None:
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_an_edge_is_proven_only_if_its_configurations_are_free(drive: str) -> None:
-    space = room("turning")
+    space = build_room("turning")
     check_edge, answers = local_planner(space, drive=drive).edge_checker(), set()
     for first, last in pairs(space, 400, 0):
         points = driven(first, last, drive)
@@ -92,7 +101,7 @@ def test_an_edge_is_proven_only_if_its_configurations_are_free(drive: str) -> No
 @pytest.mark.parametrize("exact", [False, True])
 @pytest.mark.parametrize("drive", DRIVES)
 def test_an_edge_and_its_breakpoints_are_proven_alike(drive: str, exact: bool) -> None:
-    space = room("turning")
+    space = build_room("turning")
     edges = local_planner(space, exact, drive)
     assert isinstance(edges, TurnDriveTurn)
     for first, last in pairs(space, 60, 1):
@@ -114,12 +123,12 @@ def test_an_edge_and_its_breakpoints_are_proven_alike(drive: str, exact: bool) -
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_ompls_interpolation_lies_on_the_edge(drive: str) -> None:
-    space = room("turning")
+    space = build_room("turning")
     states = planners.state_space(space, drive=drive)
     si = planners.simple_setup(space, drive=drive).getSpaceInformation()
     out = states.allocState()
     for first, last in pairs(space, 200, 2):
-        a, b = state_at(space, si, first), state_at(space, si, last)
+        a, b = make_state(space, si, first), make_state(space, si, last)
         assert states.distance(a, b) == pytest.approx(math.dist(first[:2], last[:2]), abs=1e-6)
         if math.dist(first[:2], last[:2]) == 0.0:
             continue
@@ -145,14 +154,14 @@ def test_a_reversing_robot_backs_out_of_a_narrow_corridor() -> None:
             planners.simple_setup(space, drive=drive).getSpaceInformation(), space, drive=drive, bidirectional=back
         )
         si = planners.simple_setup(space, drive=drive).getSpaceInformation()
-        assert validator.checkMotion(*(state_at(space, si, q) for q in endpoints[::-1])) == free
+        assert validator.checkMotion(*(make_state(space, si, q) for q in endpoints[::-1])) == free
 
 
 def test_a_rotation_takes_only_the_shorter_direction() -> None:
     # A post blocks the rotation to the left; the longer rotation to the right is not tried.
     state = np.zeros((36, 5, 5), np.uint8)
-    state[int(with_state(state, 36).rotations.cell_of(0.5))] = MIXED
-    check_edge = local_planner(with_state(state, 36), drive="differential").edge_checker()
+    state[int(build_from_states(state, 36).rotations.cell_of(0.5))] = MIXED
+    check_edge = local_planner(build_from_states(state, 36), drive="differential").edge_checker()
     assert not check_edge(2.5, 2.5, 0.1, 2.5, 2.5, 1.0)
     assert check_edge(2.5, 2.5, 0.1, 2.5, 2.5, -1.5) and check_edge(2.5, 2.5, -2.8, 2.5, 2.5, 1.0)
 
@@ -162,7 +171,7 @@ def test_a_rotation_takes_only_the_shorter_direction() -> None:
 
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_finds_a_drivable_path(planner: str) -> None:
-    space = room("turning")
+    space = build_room("turning")
     for drive in DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]:  # other planners take seconds
         plan = plan_patiently(space, ENDPOINTS["turning"], (0.1, 0.5, 20.0), planner=planner, drive=drive)
         check(space, plan, *ENDPOINTS["turning"])
@@ -171,7 +180,7 @@ def test_every_planner_finds_a_drivable_path(planner: str) -> None:
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_roadmap_path_is_shortest_including_its_rotations(drive: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    space, made, real = room("turning"), list[ob.Planner](), search.make_planner
+    space, made, real = build_room("turning"), list[ob.Planner](), search.make_planner
     monkeypatch.setattr(search, "make_planner", lambda *of: made.append(real(*of)) or made[-1])
     plan = planners.plan(
         space, *ENDPOINTS["turning"], planner="PRMstar", drive=drive, time_limit=0.2, seed=1, simplify=False
@@ -193,7 +202,7 @@ def test_a_roadmap_path_is_shortest_including_its_rotations(drive: str, monkeypa
 @pytest.mark.parametrize("drive", DRIVES)
 def test_no_point_of_a_path_collides(drive: str) -> None:
     # Rectangles along the path avoid every obstacle, by shapely.
-    space = room("turning")
+    space = build_room("turning")
     lengths = []
     for seed in range(4):
         plan = planners.plan(space, *ENDPOINTS["turning"], drive=drive, seed=seed, time_limit=20.0)
@@ -210,7 +219,7 @@ def test_no_point_of_a_path_collides(drive: str) -> None:
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_remove_turns_keeps_the_yaw_of_arrival(drive: str) -> None:
-    edges = local_planner(open_map("turning"), drive=drive)
+    edges = local_planner(build_open_map("turning"), drive=drive)
     path = np.array([(1.0, 1.0, 0.5), (3.0, 1.5, -2.0), (5.0, 4.0, 1.0), (5.0, 6.0, 0.0)])
     settled = edges.remove_turns(path)
     assert np.array_equal(settled[[0, -1]], path[[0, -1]]) and np.array_equal(settled[:, :2], path[:, :2])
@@ -232,4 +241,4 @@ def test_exact_geometry_proves_a_path_through_mixed_cells() -> None:
 
 def test_an_unknown_drive_is_refused() -> None:
     with pytest.raises(InputError, match=r"drive is 'sideways'.*'holonomic', 'differential'"):
-        planners.state_space(room("turning"), drive="sideways")
+        planners.state_space(build_room("turning"), drive="sideways")

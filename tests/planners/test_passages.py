@@ -14,7 +14,7 @@ from cspace.map.search import open_chain
 from planners.local_planner import EdgesOnMap
 from tests.maps import proven_paths
 from tests.placements import collides
-from tests.planning import along_edge, compile_for, three_rooms
+from tests.planning import build_three_rooms, compile_for, sample_edge
 
 WIDTH = 0.5
 """Width of the robot in metres."""
@@ -44,7 +44,7 @@ def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(endpoints, seed
     assert plan.solved and plan.certified and plan.status.startswith("path found")
     assert plan.path[0] == pytest.approx(endpoints[0]) and plan.path[-1] == pytest.approx(endpoints[1])
     for first, second in itertools.pairwise(plan.waypoints):
-        assert not collides(space, along_edge(space, first, second, np.linspace(0, 1, 200))[0], [walls]).any()
+        assert not collides(space, sample_edge(space, first, second, np.linspace(0, 1, 200))[0], [walls]).any()
 
 
 def test_without_exact_the_corridor_is_not_crossed():
@@ -102,7 +102,7 @@ def test_a_wide_corridor_needs_no_passage_search():
     ids=["R^2", "R^3", "SE(2)", "R^3 x yaw", "SE(3)"],
 )
 def test_a_slow_planner_is_replaced_by_a_path_along_free_cells(monkeypatch, robot, rotations, turn, exact):
-    space = cspace.build(three_rooms(robot.dim), robot, rotations=rotations)
+    space = cspace.build(build_three_rooms(robot.dim), robot, rotations=rotations)
     endpoints = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
     assert space.is_connected(*endpoints)
     monkeypatch.setattr(planners.passages, "MAX_ITERATIONS_BEFORE_GRID", 1)

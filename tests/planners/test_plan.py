@@ -28,16 +28,16 @@ from tests.planning import (
     ENDPOINTS,
     SPACES,
     SPACES_WITH_CURVES,
+    build_from_states,
+    build_halves,
+    build_open_map,
+    build_room,
     check,
     check_failed,
-    halves,
-    open_map,
+    make_state,
     options_for,
     plan_patiently,
-    room,
-    state_at,
     turn_between,
-    with_state,
 )
 from tests.refusals import refusals
 from tests.strategies import seeds
@@ -67,9 +67,9 @@ def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
     if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
         with pytest.raises(InputError, match="choose another planner"):
-            planners.plan(room(name), *ENDPOINTS[name], planner=planner, **options_for(curve))
+            planners.plan(build_room(name), *ENDPOINTS[name], planner=planner, **options_for(curve))
         return
-    space, endpoints = room(name), endpoints_in(name, curve)
+    space, endpoints = build_room(name), endpoints_in(name, curve)
     limits = (20.0,) if planner.endswith("FMT") else (0.01, 0.1, 1.0, 20.0)
     plan = plan_patiently(
         space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME_PLANNERS, **options_for(curve)
@@ -93,22 +93,22 @@ def test_every_planner_returns_a_free_edge_without_a_search(planner: str) -> Non
             ("yawing", (0.6, 1.0, 0.6, 0.2)),
             ("floating", (0.6, 0.7, 0.6, 0.1, 0.1, 0.1, math.sqrt(0.97))),
         ):
-            plan = planners.plan(room(name), ENDPOINTS[name][0], goal, planner=planner, objective=objective)
-            check(room(name), plan, ENDPOINTS[name][0], goal)
+            plan = planners.plan(build_room(name), ENDPOINTS[name][0], goal, planner=planner, objective=objective)
+            check(build_room(name), plan, ENDPOINTS[name][0], goal)
             assert len(plan.waypoints) == 2 and "no search needed" in plan.status and plan.times.planning == 0.0
 
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_a_free_curve_is_returned_without_a_search(curve: str) -> None:
     endpoints = (0.6, 0.8, 0.0), (1.2, 0.95, 0.45)
-    plan = planners.plan(room("turning"), *endpoints, **options_for(curve))
-    check(room("turning"), plan, *endpoints)
+    plan = planners.plan(build_room("turning"), *endpoints, **options_for(curve))
+    check(build_room("turning"), plan, *endpoints)
     assert len(plan.waypoints) == 2 and "no search needed" in plan.status and len(plan.path) > 4
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 def test_a_plan_from_the_goal_stays_there(name: str, curve: str | None) -> None:
-    space, start = room(name), ENDPOINTS[name][0]
+    space, start = build_room(name), ENDPOINTS[name][0]
     plan = planners.plan(space, start, start, **options_for(curve))
     check(space, plan, start, start)
     assert plan.path.tolist() == [list(map(float, start))] and plan.length == 0.0
@@ -117,7 +117,7 @@ def test_a_plan_from_the_goal_stays_there(name: str, curve: str | None) -> None:
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | None) -> None:
-    space, endpoints, gains, directions = room(name), endpoints_in(name, curve), [], set()
+    space, endpoints, gains, directions = build_room(name), endpoints_in(name, curve), [], set()
     for seed in range(3):
         options = {"seed": seed, "time_limit": 20.0, **options_for(curve)}
         rough, short = (planners.plan(space, *endpoints, simplify=simplify, **options) for simplify in (False, True))
@@ -127,13 +127,13 @@ def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | No
         assert rough.times.simplification == 0.0 < short.times.simplification
         gains.append(rough.length / short.length)
     # If the robot rotates, OMPL shortens the sum of metres and radians.
-    turns = room(name).size > room(name).grid.dim and curve is None
+    turns = build_room(name).size > build_room(name).grid.dim and curve is None
     assert (min(gains) >= 1 - 1e-9 or turns) and max(gains) > 1.02
     assert directions == {None: set(), "dubins": {1}, "reeds-shepp": {1, -1}}[curve]
 
 
 def test_yaw_takes_the_shorter_arc_and_is_wrapped() -> None:
-    space = room("turning")
+    space = build_room("turning")
     plan = planners.plan(space, (0.8, 0.8, 3.0 + 4 * math.pi), (0.9, 0.8, -3.0))
     check(space, plan, (0.8, 0.8, 3.0), (0.9, 0.8, -3.0))
     turns = turn_between(plan.path[:-1, 2], plan.path[1:, 2])
@@ -157,7 +157,7 @@ def test_a_path_with_false_motions_is_not_certified(
             return True
 
     monkeypatch.setattr("planners.setup.MotionValidator", Lenient)
-    plan = planners.plan(room(name), *endpoints_in(name, curve), simplify=False, **options_for(curve))
+    plan = planners.plan(build_room(name), *endpoints_in(name, curve), simplify=False, **options_for(curve))
     assert plan.solved and not plan.certified and "not certified" in repr(plan)
     assert plan.clearance == 0.0 or curve is not None
 
@@ -211,13 +211,16 @@ def test_a_path_that_exists_is_found_on_a_real_map(data: Path) -> None:
 
 def test_grid_finds_paths_along_free_cells_only() -> None:
     for name in ("plane", "space"):
-        plan = planners.plan(room(name), *ENDPOINTS[name], planner="grid")
-        check(room(name), plan, *ENDPOINTS[name])
-        rough = planners.plan(room(name), *ENDPOINTS[name], planner="Grid", simplify=False)
-        check(room(name), rough, *ENDPOINTS[name])
+        plan = planners.plan(build_room(name), *ENDPOINTS[name], planner="grid")
+        check(build_room(name), plan, *ENDPOINTS[name])
+        rough = planners.plan(build_room(name), *ENDPOINTS[name], planner="Grid", simplify=False)
+        check(build_room(name), rough, *ENDPOINTS[name])
         assert plan.planner == "Grid" and plan.length <= rough.length
-        assert plan.path.tolist() == planners.plan(room(name), *ENDPOINTS[name], planner="Grid", seed=3).path.tolist()
-        space, start, goal = halves(name, MIXED)
+        assert (
+            plan.path.tolist()
+            == planners.plan(build_room(name), *ENDPOINTS[name], planner="Grid", seed=3).path.tolist()
+        )
+        space, start, goal = build_halves(name, MIXED)
         missed = planners.plan(space, start, goal, planner="Grid")
         check_failed(space, missed)
         assert missed.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
@@ -226,7 +229,7 @@ def test_grid_finds_paths_along_free_cells_only() -> None:
 def test_grid_rotates_only_if_necessary() -> None:
     state = np.zeros((4, 3, 3), np.uint8)
     state[1] = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]
-    space = with_state(state, 4)
+    space = build_from_states(state, 4)
     for yaw in (0.1, 1.6):
         plan = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Grid", simplify=False)
         assert plan.solved and plan.certified and (plan.path[:, 2] == yaw).all() == (yaw == 0.1)
@@ -236,7 +239,7 @@ def test_grid_rotates_only_if_necessary() -> None:
 
 @pytest.mark.parametrize("name", SPACES)
 def test_max_clearance_has_at_least_the_clearance_of_other_planners(name: str) -> None:
-    space, endpoints = room(name), ENDPOINTS[name]
+    space, endpoints = build_room(name), ENDPOINTS[name]
     plan, other = (
         planners.plan(space, *endpoints, planner=each, seed=1, time_limit=20.0) for each in ("maxclearance", None)
     )
@@ -260,7 +263,7 @@ def test_a_proof_that_no_path_exists_prevents_the_search(
 ) -> None:
     if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
         return
-    space, start, goal = halves(name, BLOCKED)
+    space, start, goal = build_halves(name, BLOCKED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(curve))
     check_failed(space, plan)
@@ -272,19 +275,19 @@ def test_a_proof_that_no_path_exists_prevents_the_search(
 def test_connectivity_is_queried_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     query, calls = CSpace._connectivity, list[Any]()
     monkeypatch.setattr(CSpace, "_connectivity", lambda *q: calls.append(q) or query(*q))
-    plan = planners.plan(room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1)
+    plan = planners.plan(build_room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1)
     assert plan.certified and len(calls) == 1
 
 
 def test_the_status_says_if_a_path_exists() -> None:
     for name, curve in SPACES_WITH_CURVES:
         options = {"time_limit": 1e-6, "planner": "RRT", **options_for(curve)}
-        plan = planners.plan(room(name), *endpoints_in(name, curve), **options)
-        check_failed(room(name), plan)
+        plan = planners.plan(build_room(name), *endpoints_in(name, curve), **options)
+        check_failed(build_room(name), plan)
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
         assert plan.status == f"no path found within 1e-06 s; {known}" and plan.is_connected
         assert "time_limit=1e-05" in plan.hint and ("planner='Grid', which finds one" in plan.hint) == (not curve)
-    exact = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True)
+    exact = planners.plan(build_room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True)
     assert exact.hint.startswith("planner='Grid' without exact=True, which finds one")
 
 
@@ -311,7 +314,7 @@ def test_an_unusable_endpoint_is_named_with_its_state_and_the_nearest_free_one(
 ) -> None:
     turning = shape[0] == 4
     state = np.tile(ROW_STATES[:, None], (4, 1, 1)) if turning else ROW_STATES.reshape(shape)
-    space = with_state(state, 4 if turning else None)
+    space = build_from_states(state, 4 if turning else None)
     rest = (0.1,) if turning else (0.5,) * (len(shape) - 2)
     bad, good = (x, other, *rest), (0.5, 0.5, *rest)
     for name, endpoints in (("start", (bad, good)), ("goal", (good, bad))):
@@ -325,7 +328,7 @@ def test_an_unusable_endpoint_is_named_with_its_state_and_the_nearest_free_one(
 
 
 def test_a_free_endpoint_outside_the_map_is_refused() -> None:
-    space = open_map("plane")
+    space = build_open_map("plane")
     assert space.is_free((12.0, 4.5)) and space.motion_is_free((12.0, 4.5), (4.5, 4.5))
     with pytest.raises(ConfigurationError, match=r"goal .* outside the map") as caught:
         planners.plan(space, (4.5, 4.5), (12.0, 4.5))
@@ -334,7 +337,7 @@ def test_a_free_endpoint_outside_the_map_is_refused() -> None:
 
 def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     with pytest.raises(ConfigurationError, match="no FREE configuration at all") as caught:
-        planners.plan(with_state(np.full((3, 3), MIXED, dtype=np.uint8)), (1.5, 1.5), (2.5, 2.5))
+        planners.plan(build_from_states(np.full((3, 3), MIXED, dtype=np.uint8)), (1.5, 1.5), (2.5, 2.5))
     assert caught.value.nearest is None
 
 
@@ -410,7 +413,7 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
 def test_invalid_arguments_are_refused(name: str, wrong: dict[str, Any], message: str) -> None:
     start, goal = ENDPOINTS[name]
     with pytest.raises(InputError, match=message) as caught:
-        planners.plan(**{"space": room(name), "start": start, "goal": goal} | wrong)
+        planners.plan(**{"space": build_room(name), "start": start, "goal": goal} | wrong)
     assert caught.value.argument.split("[")[0].split()[0] in {*wrong, "turning_radius", "field"}
 
 
@@ -427,7 +430,7 @@ def test_a_seed_repeats_a_run_after_other_runs(planner: str) -> None:
 
         def run(seed: int, name: str = name, curve: str | None = curve) -> list[list[float]]:
             options = {"planner": planner, "seed": seed, **limits, **options_for(curve)}
-            plan = planners.plan(room(name), *endpoints_in(name, curve), **options)
+            plan = planners.plan(build_room(name), *endpoints_in(name, curve), **options)
             assert plan.seed == seed and plan.times.planning < 30.0
             path: list[list[float]] = plan.path.tolist()
             return path
@@ -435,7 +438,7 @@ def test_a_seed_repeats_a_run_after_other_runs(planner: str) -> None:
         if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
             continue
         first = run(7)
-        planners.plan(room("plane"), ENDPOINTS["plane"][0], (5.0, 3.0), planner="RRT")
+        planners.plan(build_room("plane"), ENDPOINTS["plane"][0], (5.0, 3.0), planner="RRT")
         other = run(8)
         assert first == run(7) and (other != first or not first)
 
@@ -443,9 +446,9 @@ def test_a_seed_repeats_a_run_after_other_runs(planner: str) -> None:
 def test_ompl_prints_nothing_and_keeps_its_log_level(capfd: pytest.CaptureFixture[str]) -> None:
     ou.setLogLevel(ou.LOG_INFO)
     try:
-        planners.plan(room("plane"), *ENDPOINTS["plane"], seed=3)
+        planners.plan(build_room("plane"), *ENDPOINTS["plane"], seed=3)
         with pytest.raises(ZeroDivisionError):
-            planners.plan(room("plane"), *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: 1 // 0)
+            planners.plan(build_room("plane"), *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: 1 // 0)
         assert ou.getLogLevel() == ou.LOG_INFO
     finally:
         ou.setLogLevel(ou.LOG_WARN)
@@ -456,7 +459,7 @@ def test_ompl_prints_nothing_and_keeps_its_log_level(capfd: pytest.CaptureFixtur
 
 
 def test_a_custom_objective_is_called_and_widens_the_path() -> None:
-    calls, space = [], room("plane")
+    calls, space = [], build_room("plane")
 
     class Counted(planners.ClearanceObjective):
         def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
@@ -483,12 +486,12 @@ def test_a_custom_objective_is_called_and_widens_the_path() -> None:
     ("planner", "name"), [*((each, "plane") for each in OPTIMIZING_PLANNERS), ("RRTstar", "space")]
 )
 def test_optimizing_planners_find_a_cheaper_path(planner: str, name: str) -> None:
-    space = room(name)
+    space = build_room(name)
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.ClearanceObjective(si, space)
 
     def cost(plan: planners.Plan) -> float:
-        states = [state_at(space, si, q) for q in plan.path]
+        states = [make_state(space, si, q) for q in plan.path]
         return sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states))
 
     iterations = 3000 if planner == "BITstar" else 250  # an iteration of BITstar is one edge
@@ -504,7 +507,7 @@ def test_optimizing_planners_find_a_cheaper_path(planner: str, name: str) -> Non
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 def test_a_planner_without_a_path_improves_a_quick_path(name: str, curve: str | None) -> None:
-    space, endpoints, drive = room(name), endpoints_in(name, curve), options_for(curve)
+    space, endpoints, drive = build_room(name), endpoints_in(name, curve), options_for(curve)
     si = planners.simple_setup(space, **drive).getSpaceInformation()
     objective, costs = planners.ClearanceObjective(si, space, **drive), []
     options: dict[str, Any] = {"planner": "RRTstar", "iterations": 1, "time_limit": 60.0, "seed": 1, **drive}
@@ -512,7 +515,7 @@ def test_a_planner_without_a_path_improves_a_quick_path(name: str, curve: str | 
     quick = planners.plan(space, *endpoints, simplify=False, **options | {"planner": None, "iterations": None})
     for plan in (quick, planners.plan(space, *endpoints, objective="clearance", **options)):
         check(space, plan, *endpoints)
-        states = [state_at(space, si, q) for q in plan.waypoints]
+        states = [make_state(space, si, q) for q in plan.waypoints]
         costs.append(sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states)))
     assert "the first one" in plan.status and costs[1] < 0.9 * costs[0]
 
@@ -522,8 +525,8 @@ def test_a_planner_without_a_path_improves_a_quick_path(name: str, curve: str | 
 def test_optimizing_planners_work_with_rotations_and_curves(curve: str | None, planner: str) -> None:
     options: dict[str, Any] = {"planner": planner, "objective": "clearance", "iterations": 60, **options_for(curve)}
     endpoints = (0.6, 1.0, 0.0), (1.2, 3.3, 1.0)
-    plan = plan_patiently(room("turning"), endpoints, (0.1, 2.0, 20.0), **options)
-    check(room("turning"), plan, *endpoints)
+    plan = plan_patiently(build_room("turning"), endpoints, (0.1, 2.0, 20.0), **options)
+    check(build_room("turning"), plan, *endpoints)
 
 
 def test_an_error_in_a_callback_is_raised() -> None:
@@ -531,6 +534,6 @@ def test_an_error_in_a_callback_is_raised() -> None:
         def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
             raise KeyError("broken")
 
-    space = room("plane")
+    space = build_room("plane")
     with pytest.raises(KeyError, match="broken"):
         planners.plan(space, *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: Broken(si, space))

@@ -14,7 +14,7 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from tests.planning import ENDPOINTS, SPACES, room
+from tests.planning import ENDPOINTS, SPACES, build_room
 from tests.urdfs import joint, link, planar, post, write_urdf
 
 TIMING_LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 1.0}
@@ -29,7 +29,7 @@ def arm_plan(tmp_path_factory: pytest.TempPathFactory) -> planners.Plan:
 
 @pytest.mark.parametrize("name", SPACES)
 def test_path_message_holds_the_poses_of_the_plan(name: str) -> None:
-    plan = planners.plan(room(name), *ENDPOINTS[name], time_limit=20.0, seed=1)
+    plan = planners.plan(build_room(name), *ENDPOINTS[name], time_limit=20.0, seed=1)
     for each in (plan, copy.deepcopy(plan)):  # copies have no map
         msg = each.to_path(frame_id="odom")
         assert isinstance(msg, messages.Path) and len(msg.poses) == len(plan.path)
@@ -83,7 +83,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("ros")
 def test_elements_have_the_class_declared_by_the_message(arm_plan: planners.Plan) -> None:
-    plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=20.0)
+    plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"], time_limit=20.0)
     msg = PathOf2()
     msg.header.stamp = messages.Time(7, 8)
     assert plan.to_path(msg) is msg
@@ -113,7 +113,7 @@ def test_joints_named_x_and_y_give_no_pose(tmp_path: Path) -> None:
 def test_plans_of_the_other_kind_and_without_a_path_are_refused(arm_plan: planners.Plan) -> None:
     with pytest.raises(InputError, match=r"plan moves the joints shoulder, elbow; .*\.to_joint_trajectory"):
         arm_plan.to_path()
-    plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=20.0)
+    plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"], time_limit=20.0)
     with pytest.raises(InputError, match=r"msg has no header\.frame_id; .*JointTrajectory"):
         arm_plan.trajectory(**TIMING_LIMITS).to_joint_trajectory(SimpleNamespace(header=None))
     with pytest.raises(InputError, match=r"msg has no poses; it must have the fields of nav_msgs/Path"):

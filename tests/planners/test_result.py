@@ -28,11 +28,11 @@ from tests.planning import (
     ENDPOINTS,
     SPACES,
     SPACES_WITH_CURVES,
-    halves,
-    least_distance,
-    open_map,
+    build_halves,
+    build_open_map,
+    build_room,
+    min_distance,
     options_for,
-    room,
     wrap_rotations,
 )
 from tests.soak.plane import move_points
@@ -41,7 +41,7 @@ from tests.soak.plane import move_points
 @pytest.fixture(scope="module", params=SPACES_WITH_CURVES, ids=lambda case: case[1] or case[0])
 def plan(request: pytest.FixtureRequest) -> planners.Plan:
     name, curve = request.param
-    return planners.plan(room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
+    return planners.plan(build_room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
 
 
 # ---- clearance along a path ------------------------------------------------------------------------------------------
@@ -49,7 +49,7 @@ def plan(request: pytest.FixtureRequest) -> planners.Plan:
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(name: str, curve: str | None) -> None:
-    space, dim = room(name), room(name).grid.dim
+    space, dim = build_room(name), build_room(name).grid.dim
     edges = local_planner(space, False, curve or HOLONOMIC, 0.4 if curve else None)
     rng, positive = np.random.default_rng(0), 0
     for a in space.sample_free(40, rng):
@@ -60,7 +60,7 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(name: str, c
             assert bound == 0.0
             continue
         if space.size == dim:
-            minimum = least_distance(space, points)
+            minimum = min_distance(space, points)
             assert max(0.0, minimum - 2.3 * space.grid.spacing) <= bound <= minimum
         else:
             assert bound <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
@@ -69,7 +69,7 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(name: str, c
 
 
 def test_the_clearance_of_a_path_is_the_minimum_over_its_pieces() -> None:
-    space, start, _ = halves("space", BLOCKED)
+    space, start, _ = build_halves("space", BLOCKED)
     path = np.array([start, (8.0, 4.7, 4.5)])
     length = float(np.linalg.norm(path[1] - path[0]))
     count = math.ceil(length / 0.5)
@@ -80,7 +80,7 @@ def test_the_clearance_of_a_path_is_the_minimum_over_its_pieces() -> None:
 
 def test_clearance_is_infinite_if_every_configuration_is_free(tmp_path: Path) -> None:
     for name in SPACES:
-        space = open_map(name)
+        space = build_open_map(name)
         endpoints = wrap_rotations(
             space, np.array([[1.5] * space.size, [6.5] * space.grid.dim + [1.0] * len(space.rotations.names)])
         )
@@ -103,7 +103,7 @@ def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, rad
 
 def oracle(name: str) -> Callable[[np.ndarray], float]:
     """Return the oracle for the obstacle distance in a room."""
-    space, h = room(name), room(name).grid.spacing
+    space, h = build_room(name), build_room(name).grid.spacing
     cells = space.grid.lower + h * np.argwhere(space.workspace.outer)
     if space.grid.dim == 2:
         sides = shapely.box(*space.grid.lower, *space.grid.upper).exterior
@@ -128,7 +128,7 @@ def oracle(name: str) -> Callable[[np.ndarray], float]:
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 def test_the_obstacle_distance_is_the_minimum_along_the_path(name: str, curve: str | None) -> None:
-    space = room(name)
+    space = build_room(name)
     plan = planners.plan(space, *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
     edges = local_planner(space, False, plan.drive, plan.turning_radius)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
@@ -163,7 +163,7 @@ def test_the_obstacle_distance_follows_shapes_that_change() -> None:
     assert plan.obstacle_distance == 0.0
     space.remove_obstacle("ball")
     assert plan.obstacle_distance == pytest.approx(minimum, abs=0.03)
-    assert planners.plan(open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
+    assert planners.plan(build_open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
 
 
 def test_distances_follow_the_map_and_pickles_keep_the_clearance() -> None:
@@ -227,9 +227,9 @@ def test_repr_tells_if_the_proof_still_holds() -> None:
     with pytest.raises(InputError, match=r"plan has no map; .* plan.recheck\(space\)"):
         again.recheck()
     with pytest.raises(InputError, match="space has the axes x, y, yaw; the plan has x, y"):
-        plan.recheck(room("turning"))
+        plan.recheck(build_room("turning"))
     with pytest.raises(InputError, match="plan has no path"):
-        planners.plan(*halves("plane", BLOCKED)).recheck()
+        planners.plan(*build_halves("plane", BLOCKED)).recheck()
     there = planners.plan(space, (1.0, 0.7), (1.0, 0.7))
     assert there.recheck().tolist() == [True]
 
@@ -268,12 +268,12 @@ def test_repr_describes_a_plan_in_three_lines(plan: planners.Plan) -> None:
 
 
 def test_repr_of_a_failed_plan_gives_a_hint() -> None:
-    space, start, goal = halves("plane", BLOCKED)
+    space, start, goal = build_halves("plane", BLOCKED)
     between = "from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}) (x, y)"
     lines = repr(planners.plan(space, start, goal)).splitlines()
     assert lines == ["Plan(RRTConnect: no path exists: proven", f"     {between.format(*start, *goal)})"]
     start, goal = ENDPOINTS["plane"]
-    plan = planners.plan(room("plane"), start, goal, planner="RRT", time_limit=1e-6)
+    plan = planners.plan(build_room("plane"), start, goal, planner="RRT", time_limit=1e-6)
     lines = [f"RRT: {plan.status}", between.format(*start, *goal), f"try {plan.hint}"]
     assert repr(plan).splitlines() == [f"Plan({lines[0]}", f"     {lines[1]}", f"     {lines[2]})"]
     page = plan._repr_html_()
@@ -283,7 +283,7 @@ def test_repr_of_a_failed_plan_gives_a_hint() -> None:
 
 @pytest.mark.parametrize("name", SPACES)
 def test_a_failed_plan_shows_and_writes_start_and_goal(name: str, tmp_path: Path) -> None:
-    space, start, goal = halves(name, BLOCKED)
+    space, start, goal = build_halves(name, BLOCKED)
     plan = planners.plan(space, start, goal)
     assert not plan.solved and not plan.start.flags.writeable
     np.testing.assert_allclose([plan.start, plan.goal], [start, goal])

@@ -12,7 +12,7 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, Arm, ConfigurationError, CSpace, InputError, Robot, build_arm_space
 from planners.states import kind_of
-from tests.planning import ENDPOINTS, SPACES, along_edges, open_map, room, state_at, with_state
+from tests.planning import ENDPOINTS, SPACES, build_from_states, build_open_map, build_room, make_state, sample_edges
 from tests.urdfs import planar
 
 SAMPLING_CENTERS = {
@@ -26,7 +26,7 @@ SAMPLING_CENTERS = {
 
 @pytest.fixture(params=SPACES)
 def space(request: pytest.FixtureRequest) -> CSpace:
-    return room(request.param)
+    return build_room(request.param)
 
 
 def test_samples_are_free_and_spread_over_the_free_cells(space: CSpace) -> None:
@@ -60,9 +60,9 @@ def _with(points: np.ndarray, turn: Sequence[float]) -> np.ndarray:
 @pytest.mark.parametrize(("name", "near"), [(name, near) for name in SPACES for near in SAMPLING_CENTERS[name]])
 @pytest.mark.parametrize("distance", [0.05, 0.4, 20.0])
 def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: float) -> None:
-    space, dim = room(name), room(name).grid.dim
+    space, dim = build_room(name), build_room(name).grid.dim
     si, read = planners.simple_setup(space, rng=np.random.default_rng(1)).getSpaceInformation(), kind_of(space).read
-    state, centre = state_at(space, si, [9.0] * dim + _turn(space)), state_at(space, si, near)
+    state, centre = make_state(space, si, [9.0] * dim + _turn(space)), make_state(space, si, near)
     sampler, drawn = si.allocValidStateSampler(), []
     for _ in range(200):
         before = read(state)
@@ -76,21 +76,21 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
     assert len(drawn) > 0 or space.size > dim or not space.is_free(np.array(near) + around).any()
     points = np.array(drawn).reshape(-1, space.size)
-    turned = along_edges(space, np.tile(near, (len(points), 1)), points, np.zeros(1))[1]
+    turned = sample_edges(space, np.tile(near, (len(points), 1)), points, np.zeros(1))[1]
     assert (turned <= distance + 1e-7).all()
     if near == ENDPOINTS[name][0]:
         assert len(drawn) > 100 and (np.ptp(drawn, axis=0)[:dim] > 0.8 * min(distance, 0.7)).all()
         assert turned.max() > 0.4 * min(distance, 0.7) or not space.rotations.names
-    far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + _turn(space))
+    far = make_state(space, si, [0.5] * (dim - 1) + [60.0] + _turn(space))
     assert not sampler.sampleNear(state, far, 1.0)
 
 
 def test_samples_near_a_state_stay_in_a_map_with_free_exterior() -> None:
     for name in SPACES:
-        space = open_map(name)
+        space = build_open_map(name)
         si = planners.simple_setup(space).getSpaceInformation()
         sampler, state = si.allocValidStateSampler(), si.allocState()
-        corner = state_at(space, si, [0.5] * space.grid.dim + _turn(space))
+        corner = make_state(space, si, [0.5] * space.grid.dim + _turn(space))
         for _ in range(100):
             assert sampler.sampleNear(state, corner, 2.0) and si.satisfiesBounds(state)
 
@@ -99,7 +99,7 @@ def test_samples_repeat_with_a_generator_or_ompls_seed(space: CSpace) -> None:
     def draws(**options: Any) -> list[tuple[float, ...]]:
         si = planners.simple_setup(space, **options).getSpaceInformation()
         sampler, state, read, out = si.allocValidStateSampler(), si.allocState(), kind_of(space).read, []
-        centre = state_at(space, si, space.sample_free(rng=np.random.default_rng(0)))
+        centre = make_state(space, si, space.sample_free(rng=np.random.default_rng(0)))
         for _ in range(300):
             sampler.sample(state)
             out.append(read(state))
@@ -119,7 +119,7 @@ def test_samples_repeat_with_a_generator_or_ompls_seed(space: CSpace) -> None:
 
 
 def test_a_map_without_free_cells_has_no_samples() -> None:
-    si = planners.simple_setup(with_state(np.full((3, 3), MIXED, dtype=np.uint8))).getSpaceInformation()
+    si = planners.simple_setup(build_from_states(np.full((3, 3), MIXED, dtype=np.uint8))).getSpaceInformation()
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         si.allocValidStateSampler().sample(si.allocState())
 
@@ -132,7 +132,7 @@ def test_the_sampler_of_maps_refuses_the_space_of_an_arm(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("wrong", [3, "seed", np.random.RandomState(0)])
 def test_an_rng_of_another_type_is_refused(wrong: Any) -> None:
-    space = room("plane")
+    space = build_room("plane")
     with pytest.raises(InputError, match="numpy"):
         planners.simple_setup(space, rng=wrong)
     with pytest.raises(InputError, match="numpy"):

@@ -13,18 +13,20 @@ from cspace import InputError
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
 from tests.missing import output_without
-from tests.planning import CAR_OPTIONS, SPACES, room
+from tests.planning import CAR_OPTIONS, SPACES, build_room
 from tests.refusals import refusals
 
 
 def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:
     for make in (ob.ObstacleBasedValidStateSampler, lambda si: ob.ObstacleBasedValidStateSampler(si)):
         with pytest.raises(InputError, match=r"ObstacleBasedValidStateSampler.*last valid state.*leave it out"):
-            planners.simple_setup(room("plane"), valid_state_sampler=make)
+            planners.simple_setup(build_room("plane"), valid_state_sampler=make)
 
 
 def test_another_sampler_is_used() -> None:
-    si = planners.simple_setup(room("plane"), valid_state_sampler=ob.UniformValidStateSampler).getSpaceInformation()
+    si = planners.simple_setup(
+        build_room("plane"), valid_state_sampler=ob.UniformValidStateSampler
+    ).getSpaceInformation()
     sampler, state = si.allocValidStateSampler(), si.allocState()
     assert isinstance(sampler, ob.UniformValidStateSampler)
     assert all(sampler.sample(state) and si.isValid(state) for _ in range(50))
@@ -42,13 +44,13 @@ def test_another_sampler_is_used() -> None:
 )
 def test_incompatible_options_are_refused(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        planners.simple_setup(room("plane"), **wrong)
+        planners.simple_setup(build_room("plane"), **wrong)
 
 
 @pytest.mark.parametrize("name", SPACES)
 def test_a_setup_prints_itself(name: str) -> None:
     # OMPL alone crashes if a space is compound.
-    assert "Settings for the state space" in str(planners.simple_setup(room(name)))
+    assert "Settings for the state space" in str(planners.simple_setup(build_room(name)))
 
 
 def test_no_object_of_ours_outlives_its_setup() -> None:
@@ -65,7 +67,7 @@ def test_no_object_of_ours_outlives_its_setup() -> None:
 
     def setups() -> list[Any]:
         made = []
-        for space in map(room, SPACES):
+        for space in map(build_room, SPACES):
             setup = planners.simple_setup(
                 space, objective=lambda si, space=space: planners.ClearanceObjective(si, space)
             )
@@ -81,7 +83,7 @@ def test_no_object_of_ours_outlives_its_setup() -> None:
 
 
 def test_every_constructible_geometric_planner_is_listed() -> None:
-    setup, made = planners.simple_setup(room("plane")), set()
+    setup, made = planners.simple_setup(build_room("plane")), set()
     for name in dir(og):
         try:
             thing = getattr(og, name)(setup.getSpaceInformation())
@@ -97,7 +99,7 @@ def test_every_constructible_geometric_planner_is_listed() -> None:
 
 @pytest.mark.parametrize("name", SPACES)
 def test_choices_lists_planners_and_drives_of_a_map(name: str) -> None:
-    space = room(name)
+    space = build_room(name)
     choices = planners.choices(space)
     assert choices.planners == (*planners.planner_names(), "Grid", "MaxClearance")
     assert choices.drives == (DRIVES if name == "turning" else ("holonomic",))
@@ -112,7 +114,7 @@ def test_choices_lists_planners_and_drives_of_a_map(name: str) -> None:
 def test_planner_names_ignore_case(name: str) -> None:
     assert planner_named(name) == planner_named(name.lower()) == planner_named(name.upper()) == name
     if name != "Grid":
-        setup = planners.simple_setup(room("plane"))
+        setup = planners.simple_setup(build_room("plane"))
         planner = make_planner(name, setup.getSpaceInformation())
         assert type(planner) is getattr(og, name)
         planner.setProblemDefinition(setup.getProblemDefinition())
@@ -123,7 +125,7 @@ def test_planner_names_ignore_case(name: str) -> None:
 def test_fmt_starts_with_fewer_samples_along_curves(drive: str) -> None:
     # A step of FMT computes distances between most samples without a check of the time.
     car = CAR_OPTIONS if drive in CURVES else {}
-    si = planners.simple_setup(room("turning"), drive=drive, **car).getSpaceInformation()
+    si = planners.simple_setup(build_room("turning"), drive=drive, **car).getSpaceInformation()
     for name in ("FMT", "BFMT"):
         assert make_planner(name, si).getNumSamples() == (1000 if drive == "holonomic" else 300)
 

@@ -25,7 +25,7 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from tests.planning import CAR_OPTIONS, ENDPOINTS, SPACES, open_map, room, turn_between
+from tests.planning import CAR_OPTIONS, ENDPOINTS, SPACES, build_open_map, build_room, turn_between
 from tests.refusals import refusals
 from tests.strategies import seeds
 from tests.urdfs import joint, link, planar, write_urdf
@@ -47,7 +47,7 @@ TRANSLATION_LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 0
 @cache
 def template() -> planners.Plan:
     """Return a plan that other plans replace in part."""
-    return planners.plan(open_map("plane"), (1.5, 1.5), (5.5, 2.5), time_limit=5.0, seed=1)
+    return planners.plan(build_open_map("plane"), (1.5, 1.5), (5.5, 2.5), time_limit=5.0, seed=1)
 
 
 def plan_along(kind: str, waypoints: Any, drive: str = "holonomic", radius: float | None = None) -> planners.Plan:
@@ -342,12 +342,12 @@ def test_no_motion_along_a_curve_is_faster(seed: int) -> None:
     "name, drive",
     [
         *((name, "holonomic") for name in SPACES),
-        *(("turning", each) for each in planners.choices(room("turning")).drives[1:]),
+        *(("turning", each) for each in planners.choices(build_room("turning")).drives[1:]),
     ],
 )
 def test_plans_in_every_space_and_of_every_drive_have_trajectories(name: str, drive: str) -> None:
     options = CAR_OPTIONS if drive in OMPL_CURVES else {}
-    plan = planners.plan(room(name), *ENDPOINTS[name], drive=drive, time_limit=20.0, seed=1, **options)
+    plan = planners.plan(build_room(name), *ENDPOINTS[name], drive=drive, time_limit=20.0, seed=1, **options)
     turns = ROTATION_LIMITS if name in ("turning", "yawing", "floating") and not options else {}
     trajectory = plan.trajectory(**TRANSLATION_LIMITS, **turns)
     assert (
@@ -355,7 +355,7 @@ def test_plans_in_every_space_and_of_every_drive_have_trajectories(name: str, dr
         and trajectory.units == plan.units
         and f"{trajectory.duration:.3f} s" in repr(trajectory)
     )
-    assert room(name).is_free(trajectory.positions).all()
+    assert build_room(name).is_free(trajectory.positions).all()
     if not options:  # waypoints of differential drives are also joined by straight edges
         assert distances_to_edges(name, plan.waypoints, trajectory.positions).max() < 1e-9
     left = pickle.loads(pickle.dumps(plan)).trajectory(**TRANSLATION_LIMITS, **turns)
@@ -365,7 +365,7 @@ def test_plans_in_every_space_and_of_every_drive_have_trajectories(name: str, dr
 
 
 def test_a_differential_drive_never_drives_and_turns_at_once() -> None:
-    plan = planners.plan(room("turning"), *ENDPOINTS["turning"], drive="differential", time_limit=20.0, seed=1)
+    plan = planners.plan(build_room("turning"), *ENDPOINTS["turning"], drive="differential", time_limit=20.0, seed=1)
     _, velocities, _ = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS).sample(np.linspace(0.0, 60.0, 5000))
     assert (np.linalg.norm(velocities[:, :2], axis=1) * np.abs(velocities[:, 2]) < 1e-12).all()
 

@@ -17,7 +17,7 @@ from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
 from tests.handmade import MAP_KINDS, components, configurations, fill_boxes, make_map, random_states
 from tests.maps import proven_paths
-from tests.planning import SPACES, check_failed, halves, options_for, room, three_rooms
+from tests.planning import SPACES, build_halves, build_room, build_three_rooms, check_failed, options_for
 from tests.strategies import seeds
 
 SPACES_WITH_DRIVES = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
@@ -60,7 +60,7 @@ def test_grid_search_takes_over_on_a_tiled_map(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(planners.passages, "MAX_ITERATIONS_BEFORE_GRID", 1)
     for tile in (100, 20):
         store = tmp_path / f"{tile}.zarr"
-        tiled = build(three_rooms(2), Robot.disc(0.04), store=store, tile=tile)
+        tiled = build(build_three_rooms(2), Robot.disc(0.04), store=store, tile=tile)
         plan = planners.plan(tiled, (0.35, 0.35), (3.6, 0.35), seed=0)
         assert plan.solved and plan.certified
 
@@ -75,7 +75,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
 ) -> None:
     if planner in PLANNERS_REFUSED_BY_DRIVE.get(drive, {}):
         return
-    space, start, goal = halves(name, MIXED)
+    space, start, goal = build_halves(name, MIXED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(drive))
     check_failed(space, plan)
@@ -86,7 +86,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
 
 
 def test_the_hint_fits_the_map_and_the_planner(tmp_path: Path) -> None:
-    space, start, goal = halves("plane", MIXED)
+    space, start, goal = build_halves("plane", MIXED)
     assert planners.plan(space, start, goal, planner="Grid").hint.startswith("planner='RRTConnect' with exact=True")
     walls = fill_boxes((60, 40), np.s_[30:32])  # a path leads around the map
     options = {"store": tmp_path / "m", "tile": 15, "outside": "free"}
@@ -97,7 +97,7 @@ def test_the_hint_fits_the_map_and_the_planner(tmp_path: Path) -> None:
 
 
 def test_an_exact_plan_crosses_mixed_cells() -> None:
-    space, start, goal = halves("plane", MIXED)
+    space, start, goal = build_halves("plane", MIXED)
     plan = planners.plan(space, start, goal, exact=True, time_limit=2.0, seed=0)
     # The robot is nearly a point, and no obstacle lies in the MIXED cells.
     check_path = space.certify_path(plan.path, exact=True)
@@ -223,6 +223,6 @@ def test_the_yaws_in_the_status_equal_look_ups(seed: int) -> None:
 
 
 def test_the_status_of_a_holonomic_plan_names_no_yaws() -> None:
-    space = room("turning")
+    space = build_room("turning")
     plan = planners.plan(space, (0.8, 0.8, 0.0), (5.0, 3.2, 2.0), planner="RRT", time_limit=1e-6)
     assert not plan.solved and "yaws" not in plan.status

@@ -13,7 +13,7 @@ from cspace.rotations import Rotations
 from cspace.spectral import FourierOverlap, OverlapField
 from tests.handmade import map_in
 from tests.maps import same
-from tests.planning import state_at
+from tests.planning import make_state
 from tests.refusals import refusals
 
 pytest.importorskip("finufft")
@@ -119,7 +119,7 @@ def test_objective_weights_length_by_the_overlap(case: tuple[CSpace, FourierOver
     q = rng.uniform(low, high, (12, space.grid.dim))
     if turning:
         q = np.column_stack([q, rng.uniform(-3.0, 3.0, 12)])
-    states = [state_at(space, si, row) for row in q]
+    states = [make_state(space, si, row) for row in q]
     at_states = [objective.stateCost(state).value() for state in states]
     assert at_states == pytest.approx(1.0 + 4.0 * (field.at(q) / 0.01) ** 2)
     assert max(at_states) > 1.0
@@ -174,7 +174,7 @@ def test_objective_without_overlap_is_the_length() -> None:
     assert (field.values == 0.0).all() and (space.cell_states == FREE).any()
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field)
-    states = [state_at(space, si, np.array(q)) for q in ((0.2, 0.2), (0.5, 0.6))]
+    states = [make_state(space, si, np.array(q)) for q in ((0.2, 0.2), (0.5, 0.6))]
     assert objective.motionCost(*states).value() == pytest.approx(0.5)
 
 
