@@ -158,10 +158,10 @@ def test_discs_are_exactly_round(outside, margin, center):
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
     space = cspace.build(workspace, Robot.disc(0.25, center), outside=outside, margin=margin)
     for angle in np.linspace(0, 7, 50):
-        way = np.array([math.cos(angle), math.sin(angle)])
-        near, far = (np.array([1.0, 1.0]) - center + way * (0.25 + margin + gap) for gap in (-1e-6, 1e-6))
+        direction = np.array([math.cos(angle), math.sin(angle)])
+        near, far = (np.array([1.0, 1.0]) - center + direction * (0.25 + margin + gap) for gap in (-1e-6, 1e-6))
         assert space.is_free(far, exact=True) and not space.is_free(near, exact=True)
-        tangent = np.array([-way[1], way[0]]) * 0.1
+        tangent = np.array([-direction[1], direction[0]]) * 0.1
         assert space.motion_is_free(far - tangent, far + tangent, exact=True)
         assert not space.motion_is_free(near - tangent, near + tangent, exact=True)
     wall = 3.0 - 0.25 - margin - center[0]

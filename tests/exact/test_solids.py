@@ -55,8 +55,8 @@ def check_edges(space, q0, q1, gaps):
     free, by_map = space.motion_is_free(q0, q1, exact=True), space.motion_is_free(q0, q1)
     assert free[by_map].all()
     for first, last, proven in zip(q0, q1, free, strict=True):
-        way = first + np.linspace(0.0, 1.0, 1000 if proven else 100)[:, None] * (last - first)
-        smallest = gaps(way).min()
+        points = first + np.linspace(0.0, 1.0, 1000 if proven else 100)[:, None] * (last - first)
+        smallest = gaps(points).min()
         assert smallest > 0.0 if proven else smallest < 0.02 * np.linalg.norm(last - first) + ORACLE_BAND
     return free
 
@@ -196,12 +196,12 @@ def test_meshes_agree_with_manifold3d(seed, margin):
     assert free.any() and not free.all()
     q1 = q0[:4] + rng.normal(0.0, 0.2, (4, 3))
     for first, last, proven in zip(q0, q1, space.motion_is_free(q0[:4], q1, exact=True), strict=False):
-        way = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
+        points = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
         if proven:
-            assert gaps(way).min() > -ORACLE_BAND
+            assert gaps(points).min() > -ORACLE_BAND
         else:
             largest = 0.05 * np.linalg.norm(last - first) + ORACLE_BAND
-            assert any(gaps(part).min() < largest for part in np.array_split(way, 20))
+            assert any(gaps(part).min() < largest for part in np.array_split(points, 20))
 
 
 def test_box_meshes_agree_with_boxes():
@@ -262,9 +262,9 @@ def test_corridor_as_wide_as_the_robot_is_blocked(body, share):
 def test_touching_counts_as_collision(robot):
     space = cspace.build(Workspace.from_array(fill_boxes((10, 10, 10), np.s_[5, 5, 5]), 1.0), robot)
     for shift in product((-1.0, 0.0, 1.0), repeat=3):  # sides, edges and corners
-        way = np.array(shift)
-        assert not space.is_free(5.5 + way, exact=True)
-        assert space.is_free(5.5 + way * (1.0 + 1e-5), exact=True) or not way.any()
+        direction = np.array(shift)
+        assert not space.is_free(5.5 + direction, exact=True)
+        assert space.is_free(5.5 + direction * (1.0 + 1e-5), exact=True) or not direction.any()
     assert not space.motion_is_free([4.5, 3.0, 5.5], [4.5, 8.0, 5.5], exact=True)
     assert space.motion_is_free([4.5 - 1e-3, 3.0, 5.5], [4.5 - 1e-3, 8.0, 5.5], exact=True)
     assert not space.is_free([0.5, 2.5, 2.5], exact=True) and space.is_free([0.5 + 1e-6, 2.5, 2.5], exact=True)
@@ -420,14 +420,14 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
     assert 20 < free.sum() < 145
     proven, t = 0, np.linspace(0.0, 1.0, 500)
     for first in q0[free][:16]:
-        turn = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
-        step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * rotation_of(first)
-        last = [first[3] + turn[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
+        rotation = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
+        step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(rotation) * rotation_of(first)
+        last = [first[3] + rotation[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
         answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
         shares = (t if answer else t[::9])[:, None]
-        turned = Rotation.from_rotvec(shares * turn) * rotation_of(first)
+        turned = Rotation.from_rotvec(shares * rotation) * rotation_of(first)
         smallest = gaps(first[:3] + shares * step, turned.as_matrix()).min()
-        assert smallest > 0.0 if answer else smallest < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
+        assert smallest > 0.0 if answer else smallest < 0.03 * (np.abs(step).sum() + np.abs(rotation).sum() + 1.0)
         proven += answer
     assert proven > 3
 
@@ -441,8 +441,8 @@ def test_half_turns_are_proven_along_both_arcs(turns):
 
     def edge(end):
         yaws = np.radians([0.0, end])
-        turn = yaws[:, None] if turns == "yaw" else Rotation.from_rotvec(yaws[:, None] * [0, 0, 1]).as_quat()
-        q0, q1 = np.hstack([np.ones((2, 3)) * (0.9, 0.9, 1.0), turn])
+        rotation = yaws[:, None] if turns == "yaw" else Rotation.from_rotvec(yaws[:, None] * [0, 0, 1]).as_quat()
+        q0, q1 = np.hstack([np.ones((2, 3)) * (0.9, 0.9, 1.0), rotation])
         return space.motion_is_free(q0, q1, exact=True)
 
     assert edge(-179.0) and not edge(179.0)

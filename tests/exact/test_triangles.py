@@ -93,11 +93,11 @@ def triangle_pairs(draw):
         )
     elif kind == "parallel":
         turn = 10.0 ** rng.uniform(-10, -3)
-        way, side = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
-        lift = np.cross(way, side) * rng.choice([0.0, 1e-9, 1e-3])
-        first[:2] = np.outer([-1, 1], way)
-        second[:2] = np.outer(rng.uniform(-1, 1, 2), way + turn * side) + lift
-        first[2], second[2] = first[0] - np.cross(way, side), second[0] + np.cross(way, side) + side
+        direction, side = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
+        lift = np.cross(direction, side) * rng.choice([0.0, 1e-9, 1e-3])
+        first[:2] = np.outer([-1, 1], direction)
+        second[:2] = np.outer(rng.uniform(-1, 1, 2), direction + turn * side) + lift
+        first[2], second[2] = first[0] - np.cross(direction, side), second[0] + np.cross(direction, side) + side
     elif kind == "small":
         second = first.mean(axis=0) + 1e-5 * second
     elif kind == "over":

@@ -66,10 +66,10 @@ def spaces():
 @pytest.mark.parametrize("data", [None, tuple, list, lambda x: array("b", x.tolist())])
 def test_values_become_cells(data):
     values = np.array([[0, 24, 25, 64], [65, 100, -1, 10], [0, 0, 0, 99]])
-    made = Workspace.from_occupancy_grid(make_message(values, 0.25, (1.0, -2.0), data=data))
-    assert (made.grid.lower, made.grid.spacing, made.grid.shape) == ((1.0, -2.0), 0.25, (4, 3))
-    assert (made.outer == ((values >= 25) | (values < 0)).T).all()
-    assert (made.unknown == ((values < 0) | ((values >= 25) & (values < 65))).T).all()
+    workspace = Workspace.from_occupancy_grid(make_message(values, 0.25, (1.0, -2.0), data=data))
+    assert (workspace.grid.lower, workspace.grid.spacing, workspace.grid.shape) == ((1.0, -2.0), 0.25, (4, 3))
+    assert (workspace.outer == ((values >= 25) | (values < 0)).T).all()
+    assert (workspace.unknown == ((values < 0) | ((values >= 25) & (values < 65))).T).all()
     free = Workspace.from_occupancy_grid(make_message(values, data=data), "free")
     assert (free.outer == (values >= 65).T).all()
     published = Workspace.from_occupancy_grid(
@@ -90,11 +90,11 @@ def test_a_message_agrees_with_the_map_file(tmp_path, yaw, unknown):
     )
     saved = Workspace.from_ros_map(tmp_path / "map.yaml", unknown)
     single = float(np.float32(0.05))  # the type on the wire
-    made = Workspace.from_occupancy_grid(make_message(values, single, (-1.5, 2.5), yaw), unknown)
-    assert np.allclose(made.grid.lower, saved.grid.lower, atol=1e-12)
-    assert (made.grid.spacing, made.grid.shape) == (0.05, saved.grid.shape)
-    assert (made.outer == saved.outer).all()
-    assert (made.inner == saved.inner).all()
+    workspace = Workspace.from_occupancy_grid(make_message(values, single, (-1.5, 2.5), yaw), unknown)
+    assert np.allclose(workspace.grid.lower, saved.grid.lower, atol=1e-12)
+    assert (workspace.grid.spacing, workspace.grid.shape) == (0.05, saved.grid.shape)
+    assert (workspace.outer == saved.outer).all()
+    assert (workspace.inner == saved.inner).all()
 
 
 @pytest.mark.parametrize("unknown", ["occupied", "free"])
@@ -105,9 +105,11 @@ def test_a_map_survives_its_message(spaces, unknown, fill):
     msg = space.to_occupancy_grid(fill, frame_id="odom")
     assert msg.header.frame_id == "odom"
     assert isinstance(msg, OccupancyGrid) if fill is None else msg is fill
-    made = Workspace.from_occupancy_grid(msg, unknown)
-    assert made.grid == space.grid
-    assert (made.outer == (space.cell_states != FREE if unknown == "occupied" else space.cell_states == BLOCKED)).all()
+    workspace = Workspace.from_occupancy_grid(msg, unknown)
+    assert workspace.grid == space.grid
+    assert (
+        workspace.outer == (space.cell_states != FREE if unknown == "occupied" else space.cell_states == BLOCKED)
+    ).all()
 
 
 def test_a_turning_robot_is_free_only_at_all_rotations(spaces):
@@ -220,19 +222,19 @@ def test_unknown_cells_stay_unknown_in_a_costmap():
 
 
 def changed(**fields):
-    made = make_message(np.zeros((2, 3)))
+    message = make_message(np.zeros((2, 3)))
     for path, value in fields.items():
         *way, last = path.split("__")
-        target = made
+        target = message
         for name in way:
             target = getattr(target, name)
         setattr(target, last, value)
-    return made
+    return message
 
 
 def test_an_unset_quaternion_is_no_rotation():
-    made = changed(info__origin__orientation__w=0.0)
-    assert Workspace.from_occupancy_grid(made).grid.shape == (3, 2)
+    message = changed(info__origin__orientation__w=0.0)
+    assert Workspace.from_occupancy_grid(message).grid.shape == (3, 2)
 
 
 @refusals(

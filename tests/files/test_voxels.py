@@ -23,8 +23,8 @@ TINY_3DMAP = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
 
 def read_octomap(path: Path, unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
     """Return grid, occupied cells and unknown cells."""
-    made = Workspace.from_octomap(path, unknown)
-    return made.grid, made.outer, np.zeros_like(made.outer) if made.unknown is None else made.unknown
+    result = Workspace.from_octomap(path, unknown)
+    return result.grid, result.outer, np.zeros_like(result.outer) if result.unknown is None else result.unknown
 
 
 def test_a_tiny_voxel_map_has_the_expected_cells(tmp_path: Path) -> None:

@@ -151,15 +151,15 @@ def test_equal_rotations_get_equal_states(space):
     states = space.cell_states.reshape(-1, *space.grid.shape)
     cells, number = handmade.all_cells(states)[::97], 1 % len(states)
     for wraps in {0: (0,), 1: (-1000, -1, 0, 1, 1000), 4: (1, -1)}[len(space.rotations.names)]:
-        q, turn = handmade.cell_centers(space, cells), space.rotations.centers[number]
+        q, rotation = handmade.cell_centers(space, cells), space.rotations.centers[number]
         if len(space.rotations.names) == 4:
             q[:, 3:] *= wraps
-            turn = turn * wraps
+            rotation = rotation * wraps
         else:
             q[:, space.grid.dim :] += wraps * TWO_PI
-            turn = turn + wraps * TWO_PI
+            rotation = rotation + wraps * TWO_PI
         assert (space.classify(q) == states[tuple(cells.T)]).all()
-        assert (space.states_at(turn) == states[number]).all()
+        assert (space.states_at(rotation) == states[number]).all()
 
 
 @settings(max_examples=100)

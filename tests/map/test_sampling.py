@@ -39,14 +39,14 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert space.is_free(samples).all()
     positions = space.grid.cell_of(samples[:, :dim])
     within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - positions
-    turn, widths = space.rotations._cells_of(samples), space.rotations._volumes
+    rotation, widths = space.rotations._cells_of(samples), space.rotations._volumes
     if len(space.rotations.names) == 1:
-        above = samples[:, dim] - np.asarray(space.rotations.borders)[turn]
-        within = np.column_stack([within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[turn]])
+        above = samples[:, dim] - np.asarray(space.rotations.borders)[rotation]
+        within = np.column_stack([within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[rotation]])
     states = space.cell_states.reshape(len(widths), *space.grid.shape)
     parts = 2 ** within.shape[1]
     part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
-    cell = np.ravel_multi_index((turn, *positions.T), states.shape)
+    cell = np.ravel_multi_index((rotation, *positions.T), states.shape)
     bins = np.bincount(cell * parts + part, minlength=states.size * parts)
     volume = np.where(states == FREE, widths.reshape(-1, *[1] * dim), 0.0).ravel()
     free = np.repeat(volume > 0, parts)
@@ -99,10 +99,10 @@ def test_nearest_free_returns_the_nearest_cell(seed, kind, rotations, spacing, d
         assert (np.abs(free - nearest) < 1e-12).all(axis=1).any()
 
         def distance(to, q=q):
-            turn = np.abs((to[..., dim:] - q[dim:] + math.pi) % TWO_PI - math.pi).sum(axis=-1)
+            angle = np.abs((to[..., dim:] - q[dim:] + math.pi) % TWO_PI - math.pi).sum(axis=-1)
             if len(space.rotations.names) == 4:
-                turn = 2.0 * np.arccos(np.minimum(np.abs(to[..., dim:] @ q[dim:]), 1.0))
-            return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + turn / 2
+                angle = 2.0 * np.arccos(np.minimum(np.abs(to[..., dim:] @ q[dim:]), 1.0))
+            return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + angle / 2
 
         assert distance(nearest) == pytest.approx(distance(free).min())
 

@@ -55,13 +55,13 @@ def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) ->
     assert calls == [(number, 6) for number in range(1, 7)]
     assert len({frame.shape for frame in pixels}) == 1
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.gif"]
-    way = np.array([find_patch(frame) for frame in pixels])
+    centers = np.array([find_patch(frame) for frame in pixels])
     # The robot moves up, then right; both axes have the same scale.
-    scale = (way[-1] - way[0]) / np.subtract(PATH[-1], PATH[0])[:2]
+    scale = (centers[-1] - centers[0]) / np.subtract(PATH[-1], PATH[0])[:2]
     assert scale[0] == pytest.approx(scale[1], rel=0.03)
     assert scale[0] > 20
-    assert way[2, 1] - way[0, 1] > 0.6 * (way[-1, 1] - way[0, 1])
-    assert (np.diff(way[:, 0]) > -1.0).all()
+    assert centers[2, 1] - centers[0, 1] > 0.6 * (centers[-1, 1] - centers[0, 1])
+    assert (np.diff(centers[:, 0]) > -1.0).all()
 
 
 # ---- in space, and arms ----------------------------------------------------------------------------------------------
@@ -144,9 +144,9 @@ def test_trajectories_are_animated_at_true_speed(flat: CSpace, tmp_path: Path) -
     trajectory = planners.plan(flat, (1.0, 2.5), (7.0, 2.5)).trajectory(max_velocity=100.0, max_acceleration=6.0)
     pixels, times, _ = read_frames(animate(flat, trajectory, tmp_path / "drive.gif", rate=5))
     assert trajectory.duration == pytest.approx(2.0) and times == [200] * 10 + [1200]
-    way = np.array([find_patch(frame)[0] for frame in pixels])
+    centers = np.array([find_patch(frame)[0] for frame in pixels])
     shares = trajectory.sample(0.2 * np.arange(11))[0][:, 0] / 6.0 - 1.0 / 6.0  # the first half accelerates
-    np.testing.assert_allclose((way - way[0]) / (way[-1] - way[0]), shares, atol=0.02)
+    np.testing.assert_allclose((centers - centers[0]) / (centers[-1] - centers[0]), shares, atol=0.02)
 
 
 def test_the_robot_covers_its_shape_and_the_other_panel_shows_the_slice_of_its_yaw(turning: CSpace) -> None:

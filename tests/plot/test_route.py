@@ -31,19 +31,19 @@ def test_interpolation_has_even_speed_along_the_path(dim: int, rotations: Rotati
     path = np.array(
         [(*position, *np.divide(rest, np.linalg.norm(rest) if len(rest) > 1 else 1.0)) for position, rest in drawn]
     )
-    way = glyph.path_lengths(path)
-    assert (np.diff(way) >= 0).all()
+    lengths = glyph.path_lengths(path)
+    assert (np.diff(lengths) >= 0).all()
     stations = glyph.interpolate(path, np.linspace(0.0, 1.0, 7))
     np.testing.assert_allclose(rotations._steps_between(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
     # The speed is even, so the path between two stations has the same length.
-    assert (np.diff(glyph.path_lengths(stations)) <= way[-1] / 6 + 1e-7).all()
+    assert (np.diff(glyph.path_lengths(stations)) <= lengths[-1] / 6 + 1e-7).all()
 
 
 def test_interpolation_rotates_the_shorter_way() -> None:
     path = np.array([(0.0, 0.0, 3.0), (0.0, 0.0, -3.0), (0.0, 0.0, 3.0)])
-    way = RobotGlyph(ROBOTS[2], YAW).interpolate(path, np.linspace(0, 1, 9))
-    assert (np.cos(way[:, 2]) <= np.cos(3.0) + 1e-12).all()
-    np.testing.assert_allclose(np.exp(1j * way[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
+    q = RobotGlyph(ROBOTS[2], YAW).interpolate(path, np.linspace(0, 1, 9))
+    assert (np.cos(q[:, 2]) <= np.cos(3.0) + 1e-12).all()
+    np.testing.assert_allclose(np.exp(1j * q[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
 
 
 def test_glyph_transforms_points_and_outlines() -> None:

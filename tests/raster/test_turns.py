@@ -50,16 +50,16 @@ def measure_distances(robot, turn, geometries):
 @settings(max_examples=30)
 @given(robots(), st.floats(-7, 7), st.sampled_from([0.0, 0.2]))
 def test_a_rotated_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
-    h, turn = 0.25, yaw_turn(yaw)
-    outer, inner = make_rasters(robot, h, margin, turn)
+    h, rotation = 0.25, yaw_turn(yaw)
+    outer, inner = make_rasters(robot, h, margin, rotation)
     around = sorted((i, j) for i in range(-16, 17) for j in range(-16, 17))
-    for offset, distance in zip(around, measure_distances(robot, turn, make_boxes(around, h)), strict=True):
+    for offset, distance in zip(around, measure_distances(robot, rotation, make_boxes(around, h)), strict=True):
         if abs(distance - margin) > 1e-7:
             assert (offset in outer) == (distance < margin), offset
         elif distance <= margin - 1e-12:
             assert offset in outer
     lattice = shapely.points(h * np.array(sorted(inner)).reshape(-1, 2))
-    assert (measure_distances(robot, turn, lattice) == 0.0).all()
+    assert (measure_distances(robot, rotation, lattice) == 0.0).all()
 
 
 @settings(max_examples=40)
@@ -119,10 +119,10 @@ def draw_within(rng, turn):
 def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
     robot, rng = SOLID[name](), np.random.default_rng(len(name))
     for angle, margin in ((0.03, 0.0), (0.2, 0.07), (2.0, 0.0)):
-        turn = draw_rotation(rng, about_z, angle)
-        outer, inner = make_rasters(robot, 0.12, margin, turn)
+        rotation = draw_rotation(rng, about_z, angle)
+        outer, inner = make_rasters(robot, 0.12, margin, rotation)
         for _ in range(4):
-            outer_there, inner_there = make_rasters(robot, 0.12, margin, draw_within(rng, turn))
+            outer_there, inner_there = make_rasters(robot, 0.12, margin, draw_within(rng, rotation))
             assert outer_there <= outer
             assert inner <= inner_there
         if angle == 0.03 and name != "surface":
@@ -154,15 +154,15 @@ def separate(low, high, box, matrix):
 def test_rotated_boxes_agree_with_separating_axes(seed, about_z, spacing):
     rng = np.random.default_rng(seed)
     box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
-    turn = draw_rotation(rng, about_z)
-    outer, inner = box.rasters(spacing, 0.0, turn)
+    rotation = draw_rotation(rng, about_z)
+    outer, inner = box.rasters(spacing, 0.0, rotation)
     points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 4), 0, -1).reshape(-1, 3) - 2 + outer.lower
-    gap = separate((points - 1) * spacing, (points + 1) * spacing, box.bounds, turn.matrix)
+    gap = separate((points - 1) * spacing, (points + 1) * spacing, box.bounds, rotation.matrix)
     met, held = list_positions(outer), list_positions(inner)
     answers = np.array([tuple(point) in met for point in points.tolist()])
     assert answers[gap < -1e-7].all()
     assert not answers[gap > 1e-7].any()
-    back = points * spacing @ turn.matrix
+    back = points * spacing @ rotation.matrix
     depth = np.minimum(back - box.lower, box.upper - back).min(axis=1)
     answers = np.array([tuple(point) in held for point in points.tolist()])
     assert answers[depth > 1e-6].all()
@@ -175,10 +175,10 @@ def test_rotated_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(1, 4, 3)) < 0.6
     occupied[0, 0, 0] = True
-    side, lower, turn = 0.2, rng.uniform(-0.5, 0.2, 3), draw_rotation(rng, about_z)
-    outer, inner = make_rasters(Voxels(occupied, side, lower), 0.07, margin, turn)
+    side, lower, rotation = 0.2, rng.uniform(-0.5, 0.2, 3), draw_rotation(rng, about_z)
+    outer, inner = make_rasters(Voxels(occupied, side, lower), 0.07, margin, rotation)
     parts = [
-        make_rasters(Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, turn)
+        make_rasters(Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, rotation)
         for cell in np.argwhere(occupied)
     ]
     assert outer == set().union(*(part[0] for part in parts))
@@ -189,19 +189,21 @@ def test_rotated_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
 @given(seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1]))
 def test_a_rotated_mesh_is_the_mesh_of_rotated_vertices(seed, about_z, solid, margin):
     rng = np.random.default_rng(seed)
-    vertices, turn = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), draw_rotation(rng, about_z)
-    turned = Mesh.of((vertices @ turn.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
-    for mine, there in zip(Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, turn), turned, strict=True):
+    vertices, rotation = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), draw_rotation(rng, about_z)
+    turned = Mesh.of((vertices @ rotation.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
+    for mine, there in zip(
+        Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, rotation), turned, strict=True
+    ):
         assert list_positions(mine) == list_positions(there)
 
 
 def test_a_filled_robot_contains_its_interior_at_every_rotation():
     robot = Robot.from_mesh((TORUS.vertices, TORUS.faces), solid="fill")
-    turn = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
-    outer, inner = make_rasters(robot, 0.08, 0.0, turn)
+    rotation = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
+    outer, inner = make_rasters(robot, 0.08, 0.0, rotation)
     assert not inner
     solid = Robot.from_mesh((TORUS.vertices, TORUS.faces))
-    assert make_rasters(solid, 0.08, 0.0, turn)[0] <= outer
+    assert make_rasters(solid, 0.08, 0.0, rotation)[0] <= outer
 
 
 @pytest.mark.parametrize("name", SOLID)

@@ -49,9 +49,9 @@ def to_scipy(name: str, q: np.ndarray) -> Rotation:
 def test_matrices_agree_with_scipy(name: str) -> None:
     _, dim = ROTATION_SPACES[name]
     q = draw(name, 3, 5)
-    made = find_kind(name)._rotation_matrices(q)
-    assert made.shape == (3, 5, dim, dim)
-    np.testing.assert_allclose(made.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
+    result = find_kind(name)._rotation_matrices(q)
+    assert result.shape == (3, 5, dim, dim)
+    np.testing.assert_allclose(result.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
 
 
 @EVERY
@@ -85,11 +85,11 @@ def test_steps_of_half_a_turn_and_none_are_exact() -> None:
 def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> None:
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q = draw(name, 50)
-    made = kind._make_canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
-    assert np.array_equal(kind._make_canonical(made), made) and np.array_equal(made[:, :dim], q[:, :dim])
-    assert ((to_scipy(name, q).inv() * to_scipy(name, made)).magnitude() < 1e-9).all()
+    result = kind._make_canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
+    assert np.array_equal(kind._make_canonical(result), result) and np.array_equal(result[:, :dim], q[:, :dim])
+    assert ((to_scipy(name, q).inv() * to_scipy(name, result)).magnitude() < 1e-9).all()
     if name == "SE(3)":
-        np.testing.assert_allclose(np.linalg.norm(made[:, 3:], axis=1), 1.0, atol=4e-16)
+        np.testing.assert_allclose(np.linalg.norm(result[:, 3:], axis=1), 1.0, atol=4e-16)
 
 
 @EVERY

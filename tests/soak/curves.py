@@ -55,19 +55,19 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
     if rng.random() < 0.3:
         radius = space.grid.spacing * float(rng.integers(2, 31))
-    way = local_planner(space, drive=name, turning_radius=radius)
-    if not isinstance(way, CarCurves):
-        raise TypeError(f"local_planner made {way!r} for drive={name!r}; it must make curves")
+    planner = local_planner(space, drive=name, turning_radius=radius)
+    if not isinstance(planner, CarCurves):
+        raise TypeError(f"local_planner made {planner!r} for drive={name!r}; it must make curves")
     starts, goals = _draw_ends(case, name, radius, rng)
-    is_free = way.edge_checker()
+    is_free = planner.edge_checker()
     rows = np.concatenate([starts, goals], axis=1)
     pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)
     if not len(pairs):
         return
-    lengths = np.array([way.metres(*pair) for pair in pairs])
-    few = np.stack([way.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
+    lengths = np.array([planner.metres(*pair) for pair in pairs])
+    few = np.stack([planner.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
     picked = pick_close(np.asarray(space.clearance(few)).min(axis=1), N_FOLLOWED, rng)
-    oracle = _Oracle(way)
+    oracle = _Oracle(planner)
     q, missed = np.empty((len(picked), POINTS_PER_EDGE, 3)), np.zeros((len(picked), 1), dtype=np.bool_)
     for k, edge in enumerate(picked):
         q[k], missed[k], other = oracle.follow(pairs[edge, 0], pairs[edge, 1], float(lengths[edge]))

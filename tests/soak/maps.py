@@ -173,10 +173,10 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     space, dim = case.space, case.space.grid.dim
     centers = space.sample_free(150, rng)
     far = np.minimum(space.clearance(centers), 100.0 * space.grid.spacing * max(space.grid.shape))
-    way = rng.normal(size=(len(far), dim))
-    way *= (far * rng.choice([1.0, 0.999, 0.5], len(far)) / np.linalg.norm(way, axis=1))[:, None]
+    direction = rng.normal(size=(len(far), dim))
+    direction *= (far * rng.choice([1.0, 0.999, 0.5], len(far)) / np.linalg.norm(direction, axis=1))[:, None]
     q = centers.copy()
-    q[:, :dim] += way
+    q[:, :dim] += direction
     if space.rotations.names:
         turn = space.rotations._cells_of(centers)
         q[:, dim:] = _rotations_in_cells(space, turn, np.clip(_draw_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))

@@ -68,12 +68,12 @@ LOOSE = {"part": 0.08}
 """
 
 
-def make_balls(shape, size, kind, way):
+def make_balls(shape, size, kind, limit):
     """Decompose a shape, and check its limit."""
-    options = {"tolerance": way["part"] * size} if "part" in way else way
+    options = {"tolerance": limit["part"] * size} if "part" in limit else limit
     balls = decompose(shape, kind=kind, **options)
-    if "number" in way:
-        assert len(balls) <= way["number"]
+    if "number" in limit:
+        assert len(balls) <= limit["number"]
     else:
         slack = 1.0 if kind == "outer" else 1.1
         assert balls.hausdorff.upper <= options["tolerance"] * slack * (1 + 1e-9)
@@ -136,12 +136,12 @@ def check_plane(balls, shape, rng):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("way", ["number", "tolerance"])
+@pytest.mark.parametrize("limit", ["number", "tolerance"])
 @pytest.mark.parametrize("name", FLAT)
-def test_balls_bound_plane_shapes(name, kind, way):
+def test_balls_bound_plane_shapes(name, kind, limit):
     shape = FLAT[name]
     whole = shapely.union_all(shape) if isinstance(shape, list) else shape
-    balls = make_balls(shape, diagonal(whole), kind, OPTIONS[way])
+    balls = make_balls(shape, diagonal(whole), kind, OPTIONS[limit])
     check_plane(balls, whole, np.random.default_rng(0))
 
 
@@ -174,9 +174,9 @@ def test_64_balls_fill_most_of_a_shape(shape):
 
 @settings(max_examples=10)
 @given(stars(), st.sampled_from(KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
-def test_balls_bound_random_polygons(vertices, kind, way, seed):
+def test_balls_bound_random_polygons(vertices, kind, limit, seed):
     shape = shapely.Polygon(vertices)
-    check_plane(make_balls(vertices, diagonal(shape), kind, way), shape, np.random.default_rng(seed))
+    check_plane(make_balls(vertices, diagonal(shape), kind, limit), shape, np.random.default_rng(seed))
 
 
 def check_solid(balls, mesh, rng):
@@ -211,8 +211,8 @@ def check_solid(balls, mesh, rng):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", SOLIDS)
 def test_balls_bound_solids(name, kind):
-    mesh, way = SOLIDS[name], OPTIONS["number"] if name == "icosphere" else LOOSE
-    balls = make_balls(mesh, float(np.linalg.norm(mesh.extents)), kind, way)
+    mesh, limit = SOLIDS[name], OPTIONS["number"] if name == "icosphere" else LOOSE
+    balls = make_balls(mesh, float(np.linalg.norm(mesh.extents)), kind, limit)
     check_solid(balls, mesh, np.random.default_rng(0))
 
 

@@ -222,11 +222,11 @@ def test_indicator_agrees_with_solids():
 
 def test_descriptors_copy_their_arguments():
     values = np.ones((2, 3))
-    made = place_on_grid(values)
+    result = place_on_grid(values)
     values[0, 0] = 5.0
-    assert made.values[0, 0] == 1.0
+    assert result.values[0, 0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
-        made.values[0, 0] = 2.0
+        result.values[0, 0] = 2.0
     with pytest.raises(ValueError, match="read-only"):
         BallDescriptor([[0.0, 0.0]], 1.0).centers[0, 0] = 2.0
 

@@ -207,32 +207,32 @@ def replace_field(space: CSpace, fields: Any = None) -> CSpace:
 def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
     space, overlap = build_scene(kind, counts=True, margin=0.01)
     clearance = space.clearance(space.nearest_free([0.0] * space.size))
-    made, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
-    same(space, replace_field(made))
-    assert space.overlap_field is None and made.overlap_field is not None
-    assert made.overlap_field.space is made and made.overlap_field.values.max() > 0.0
-    assert list(made.overlap_field.arrays) == list(FIELD_NAMES[: 1 + space.grid.dim])
-    for name, array in made.overlap_field.arrays.items():
+    with_field, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
+    same(space, replace_field(with_field))
+    assert space.overlap_field is None and with_field.overlap_field is not None
+    assert with_field.overlap_field.space is with_field and with_field.overlap_field.values.max() > 0.0
+    assert list(with_field.overlap_field.arrays) == list(FIELD_NAMES[: 1 + space.grid.dim])
+    for name, array in with_field.overlap_field.arrays.items():
         np.testing.assert_array_equal(array, expected.arrays[name])
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
-    assert made.clearance(made.nearest_free([0.0] * space.size)) == clearance
+    assert with_field.clearance(with_field.nearest_free([0.0] * space.size)) == clearance
     assert (kind == "shared") == (len(space.rotations.names) and len(space._kernel_map.states) < len(space.rotations))
-    again = build(made.workspace, made.robot, rotations=made.rotations)
+    again = build(with_field.workspace, with_field.robot, rotations=with_field.rotations)
     assert again.overlap_field is None and not set(FIELD_NAMES) & set(again.to_xarray())
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
 def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
     space, overlap = build_scene(kind)
-    made = space.with_overlap_field(overlap)
+    with_field = space.with_overlap_field(overlap)
     box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
     before = space.cell_states.copy()
-    made.update(box, corner)
-    assert made.overlap_field is None and (space.cell_states == before).all()
-    again = made.with_overlap_field(overlap)  # the updated map no longer shares its workspace
+    with_field.update(box, corner)
+    assert with_field.overlap_field is None and (space.cell_states == before).all()
+    again = with_field.with_overlap_field(overlap)  # the updated map no longer shares its workspace
     after, cells = again.cell_states.copy(), again.workspace.outer.copy()
-    made.update(~box, corner)
+    with_field.update(~box, corner)
     assert (again.cell_states == after).all() and (again.workspace.outer == cells).all()
     assert again.overlap_field is not None
 

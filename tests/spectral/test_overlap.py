@@ -159,12 +159,14 @@ def test_batches_of_any_shape_agree_with_single_values(dim: int) -> None:
 @pytest.mark.parametrize("dim", DIMS)
 def test_rotated_agrees_with_rotated_balls(dim: int) -> None:
     a, b, rng = draw_ball_sets(dim, 17)
-    turn: Any = 0.7 if dim == 2 else Rotation.from_rotvec([0.3, -0.5, 0.9])
+    rotation: Any = 0.7 if dim == 2 else Rotation.from_rotvec([0.3, -0.5, 0.9])
     matrix = (
-        np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]]) if dim == 2 else turn.as_matrix()
+        np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
+        if dim == 2
+        else rotation.as_matrix()
     )
     overlap = FourierOverlap(a, b, band=15.0)
-    turned, anew = overlap.rotated(turn), FourierOverlap((a[0] @ matrix.T, a[1]), b, band=15.0)
+    turned, anew = overlap.rotated(rotation), FourierOverlap((a[0] @ matrix.T, a[1]), b, band=15.0)
     ts = draw_placements(turned, rng, 40)
     expected, _ = compute_ideals((a[0] @ matrix.T, a[1]), b, Bump(), ts)
     assert np.abs(turned.value(ts) - expected).max() <= turned.bound + 1e-12
@@ -206,10 +208,14 @@ def test_verdicts_about_balls_are_right_near_contact(
     seed: int, dim: int, swell: float, classes: int, swelling: bool
 ) -> None:
     a, b, rng = draw_ball_sets(dim, seed)
-    made = FourierOverlap.of_shapes(a, b, a, b, swell=swell, classes=classes, tolerance=0.3)
-    turn = Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
-    overlap = made.rotated(turn)
-    matrix = turn if dim == 3 else np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    result = FourierOverlap.of_shapes(a, b, a, b, swell=swell, classes=classes, tolerance=0.3)
+    rotation = Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
+    overlap = result.rotated(rotation)
+    matrix = (
+        rotation
+        if dim == 3
+        else np.array([[math.cos(rotation), -math.sin(rotation)], [math.sin(rotation), math.cos(rotation)]])
+    )
     turned = (a[0] @ matrix.T, a[1])
     # Place two balls along the line through their centers: just before and after they touch, and farther away.
     i, j = rng.integers(len(a[1]), size=30), rng.integers(len(b[1]), size=30)
@@ -239,11 +245,11 @@ def test_verdicts_about_polygons_agree_with_shapely() -> None:
     robot = shapely.Polygon([(-0.4, -0.3), (0.5, -0.2), (0.1, 0.0), (0.4, 0.4)])
     hollow = shapely.Polygon([(0, 0), (2, 0), (2, 1.6), (0, 1.6)], [[(0.2, 0.2), (1.7, 0.3), (1.8, 1.4), (0.2, 1.3)]])
     (outer_a, inner_a), (outer_b, inner_b) = cover_polygon(robot, 0.06), cover_polygon(hollow, 0.06)
-    made = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.05, tolerance=0.02)
+    result = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.05, tolerance=0.02)
     rng = np.random.default_rng(0)
     seen = np.zeros(3, dtype=int)
     for angle in (0.0, 1.0, -2.5):
-        overlap = made.rotated(angle)
+        overlap = result.rotated(angle)
         ts = draw_placements(overlap, rng, 200)
         turned = shapely.affinity.rotate(robot, angle, origin=(0, 0), use_radians=True)
         collides = np.array([shapely.intersects(hollow, shapely.affinity.translate(turned, *t)) for t in ts])
@@ -266,12 +272,12 @@ def test_verdicts_about_meshes_agree_with_fcl() -> None:
         return (points, np.full(len(points), 0.0867)), (points, inner)
 
     (outer_a, inner_a), (outer_b, inner_b) = (balls_of(box) for box in sides)
-    made = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.06, classes=3, tolerance=0.2)
+    result = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.06, classes=3, tolerance=0.2)
     fixed = solids.box(sides[1])
     seen = np.zeros(3, dtype=int)
     for seed in range(2):
         matrix = Rotation.random(random_state=seed).as_matrix()
-        overlap = made.rotated(matrix)
+        overlap = result.rotated(matrix)
         ts = draw_placements(overlap, rng, 200) * 0.7
         verdicts = overlap.separated(ts).verdict
         for t, verdict in zip(ts, verdicts, strict=True):
@@ -358,15 +364,15 @@ def test_long_corridor_limits_the_band() -> None:
 def test_repeated_rotations_keep_the_shape(dim: int) -> None:
     rng = np.random.default_rng(0)
     centers = rng.uniform(1.0, 2.0, (6, dim))
-    made = overlap = FourierOverlap((centers, 0.2), (np.zeros((1, dim)), 0.3), band=1.0)
-    turn: Any = 0.1 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 0.1])
+    result = overlap = FourierOverlap((centers, 0.2), (np.zeros((1, dim)), 0.3), band=1.0)
+    rotation: Any = 0.1 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 0.1])
     for _ in range(500):
-        overlap = overlap.rotated(turn)
-    turned = made.rotated(50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 50.0]))
+        overlap = overlap.rotated(rotation)
+    turned = result.rotated(50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, 50.0]))
     ts = draw_placements(turned, rng, 100)
     assert overlap.value(ts) == pytest.approx(turned.value(ts), abs=1e-11)
     back = overlap.rotated(-50.0 if dim == 2 else Rotation.from_rotvec([0.0, 0.0, -50.0]))
-    assert back.value(ts) == pytest.approx(made.value(ts), abs=1e-11)
+    assert back.value(ts) == pytest.approx(result.value(ts), abs=1e-11)
 
 
 def test_bound_holds_far_from_the_origin() -> None:

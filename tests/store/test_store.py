@@ -102,8 +102,8 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(
     )
     q = np.hstack([q, np.resize(turns, (50, turns.shape[1]))])
     np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
-    for turn in YAWS if len(space.rotations.names) == 1 else space.rotations.centers[::20]:
-        np.testing.assert_array_equal(cspace.open_slice(path, turn), space.states_at(turn))
+    for rotation in YAWS if len(space.rotations.names) == 1 else space.rotations.centers[::20]:
+        np.testing.assert_array_equal(cspace.open_slice(path, rotation), space.states_at(rotation))
 
 
 @pytest.mark.parametrize("suffix", MAP_SUFFIXES)
@@ -153,8 +153,8 @@ def test_arrays_of_several_chunks_open_equal(
     space.save(tmp_path / "map")
     assert len(list(files(tmp_path / "map" / "cell_states" / "c" / "0"))) > 2
     same(space, cspace.open(tmp_path / "map", in_memory=True))
-    turn = space.rotations.centers[-1]
-    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", turn), space.states_at(turn))
+    rotation = space.rotations.centers[-1]
+    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", rotation), space.states_at(rotation))
 
 
 def test_open_slice_reads_only_its_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -416,8 +416,8 @@ def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
     positions = np.stack(np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1)
     rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[len(space.rotations.names)]
     every = dataset.cell_states.values.reshape(-1, *space.grid.shape)
-    for turn, states in zip(np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True):
-        q = np.concatenate([positions, np.broadcast_to(turn, (*positions.shape[:-1], len(turn)))], axis=-1)
+    for rotation, states in zip(np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True):
+        q = np.concatenate([positions, np.broadcast_to(rotation, (*positions.shape[:-1], len(rotation)))], axis=-1)
         np.testing.assert_array_equal(states, space.classify(q))
     with pytest.raises(ValueError, match="read-only"):
         dataset.cell_states.values[...] = 0

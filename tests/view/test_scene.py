@@ -34,15 +34,15 @@ def find_border(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[
     faces = []
     for cell in np.argwhere(solid):
         for axis in range(3):
-            for way in (-1, 1):
+            for sign in (-1, 1):
                 other = cell.copy()
-                other[axis] += way
+                other[axis] += sign
                 inside = 0 <= other[axis] < solid.shape[axis]
-                if solid[tuple(other)] if inside else not (has_boundary and (lid or (axis, way) != (2, 1))):
+                if solid[tuple(other)] if inside else not (has_boundary and (lid or (axis, sign) != (2, 1))):
                     continue
                 position = cell.copy()
-                position[axis] += way > 0
-                faces.append((axis, way, *position.tolist()))
+                position[axis] += sign > 0
+                faces.append((axis, sign, *position.tolist()))
     return faces
 
 
