@@ -36,7 +36,7 @@ _ONE, _ONES, _TOPS = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x80
 
 @kernel
 def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
-    """List chunks with FREE cells, or the cells.
+    """List chunks with FREE cells, or with ``each`` the cells.
 
     ``states`` has shape (slices, cells). ``stops`` receives the end of each slice's list.
     """
