@@ -13,6 +13,7 @@ from tests.handmade import fill_boxes
 
 CLASS_NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
 COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}
+TURNING_PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 
 def block() -> Workspace:

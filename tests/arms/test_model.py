@@ -21,7 +21,7 @@ BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
 @pytest.mark.parametrize("seed", range(4))
 def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> None:
-    """Include all kinds of joints, and one that mimics another."""
+    """Include all kinds of joints, and a mimic joint."""
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
     urdf = yourdfpy.URDF.load(str(path), load_meshes=False)

@@ -102,7 +102,7 @@ def test_small_arms_agree_with_hand_calculations(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
-    """Compare their distance with that of the pair."""
+    """Compare the points' distance with the pair's."""
     space, oracle, rng = draw_scene(tmp_path, seed)
     for q in space.sample_free(5, rng):
         contact = space.closest(q)
@@ -153,7 +153,7 @@ def test_ball_obstacles_and_attached_objects_collide(tmp_path: Path) -> None:
     held = build_arm_space(solids, longer)
     assert held.obstacle_distance((np.pi / 2, 0.0)) == pytest.approx(0.05, abs=2e-3)
     assert not held.is_free((0.0, 0.0))
-    careful = build_arm_space(solids, arm, margin=0.1)  # its distances are those of the geometry, without margin
+    careful = build_arm_space(solids, arm, margin=0.1)  # distances exclude the margin
     assert careful.obstacle_distance((0.0, 0.0)) == pytest.approx(0.2, abs=1e-6)
     assert careful.path_obstacle_distance([(0.0, 0.0), (0.05, 0.0)]) > 0.1
     assert build_arm_space(solids, arm, margin=0.25).obstacle_distance((0.0, 0.0)) == 0.0

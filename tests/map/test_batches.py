@@ -20,7 +20,7 @@ from tests.placements import draw_configurations
 from tests.refusals import refusals
 from tests.strategies import rotation_cells, seeds
 
-MAPS = {
+RANDOM_MAPS = {
     "plane": ((57, 43), 0.02, Robot.disc(0.15), None),
     "turning": ((29, 40), 0.02, Robot.rectangle(0.5, 0.2), 7),
     "space": ((17, 23, 30), 0.003, Robot.ball(0.15), None),
@@ -29,12 +29,12 @@ MAPS = {
 }
 """Shape of the grid, share of occupied cells, robot and rotations in each space."""
 
-EVERY_SPACE = pytest.mark.parametrize("name", MAPS)
+EVERY_SPACE = pytest.mark.parametrize("name", RANDOM_MAPS)
 
 
 def build_random(name, rng, outside="free"):
     """Build a random map of a space."""
-    shape, share, robot, rotations = MAPS[name]
+    shape, share, robot, rotations = RANDOM_MAPS[name]
     occupied = rng.random(shape) < share
     if name == "floating":
         occupied[6, 2:] = True

@@ -264,14 +264,14 @@ def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
             space.reachable_bounds(handmade.cell_centers(space, cell[None])[0])
 
 
-BAR = Robot.rectangle(1e-6, 1e-7)
+TINY_BAR = Robot.rectangle(1e-6, 1e-7)
 
 
 @pytest.mark.parametrize(
     ("robot", "rotations"),
     [
-        (BAR, 2),
-        (BAR, 6),
+        (TINY_BAR, 2),
+        (TINY_BAR, 6),
         (Robot.rectangle(1e-6, 1e-6), 8),
         (Robot.disc(1e-6), 4),
         (Robot.box((1e-6, 1e-7, 1e-7)), 6),

@@ -17,10 +17,9 @@ from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
 from tests import handmade
 from tests.handmade import ALL_FREE, Outside, free_except, map_of, outsides, state_of, states
 from tests.refusals import refusals
-from tests.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
+from tests.strategies import L_SHAPE, boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 POLICIES = st.sampled_from(["blocked", "free"])
-L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
 
 
 @pytest.fixture(scope="module", params=handmade.MAP_KINDS)

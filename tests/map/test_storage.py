@@ -32,7 +32,7 @@ def make_wedge():
 
 
 TRIANGLE = Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])  # without symmetries
-MAPS = {
+PACKED_MAPS = {
     "SE(2)": lambda: (draw_workspace((21, 35)), TRIANGLE, 9),
     "SE(2), quarter turns": lambda: (draw_workspace((13, 70)), TRIANGLE, 12),
     "R^3 x yaw": lambda: (draw_workspace((11, 9, 13)), make_wedge(), 8),
@@ -42,7 +42,7 @@ MAPS = {
 
 def build_both(name, monkeypatch, **options):
     """Build a map with bytes, and with two bits."""
-    workspace, robot, rotations = MAPS[name]()
+    workspace, robot, rotations = PACKED_MAPS[name]()
     unpacked = cspace.build(workspace, robot, rotations=rotations, **options)
     monkeypatch.setattr(limits, "MAX_UNPACKED_STATES", 0)
     packed = cspace.build(workspace, robot, rotations=rotations, **options)
@@ -68,7 +68,7 @@ def test_packed_states_return_what_was_written(size):
         packed[9]
 
 
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize("name", PACKED_MAPS)
 @pytest.mark.parametrize("method", ["direct", "fft"])
 def test_build_packs_equal_states_and_reports_its_steps(name, method, monkeypatch):
     monkeypatch.setattr(builder, "SCRATCH_BYTES", 3000)
@@ -124,6 +124,6 @@ def test_unpacking_refuses_too_little_memory(monkeypatch, tmp_path):
 
 def test_maps_with_overlap_counts_store_bytes(monkeypatch):
     monkeypatch.setattr(limits, "MAX_UNPACKED_STATES", 0)
-    workspace, robot, rotations = MAPS["SE(2)"]()
+    workspace, robot, rotations = PACKED_MAPS["SE(2)"]()
     space = cspace.build(workspace, robot, rotations=rotations, counts=True)
     assert space._facts["memory_bytes"] == 5 * space._kernel_map.states.size

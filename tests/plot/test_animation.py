@@ -16,12 +16,11 @@ from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot.animation import PlaneAnimation
 from cspace.plot.route import Route
-from tests.pictures import check_cells, pixel
+from tests.pictures import TURNING_PATH, check_cells, pixel
 from tests.urdfs import planar, posed_box
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT: tuple[int, ...] = (0x3F, 0xB7, 0x95)
-PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 
 def read_frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
@@ -47,7 +46,9 @@ def find_patch(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDAr
 
 def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
-    file = animate(turning, PATH, tmp_path / "drive.gif", seconds=1, rate=5, progress=lambda *call: calls.append(call))
+    file = animate(
+        turning, TURNING_PATH, tmp_path / "drive.gif", seconds=1, rate=5, progress=lambda *call: calls.append(call)
+    )
     pixels, times, loop = read_frames(file)
     assert len(pixels) == 6
     assert times == [200] * 5 + [1200]
@@ -57,7 +58,7 @@ def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) ->
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.gif"]
     centers = np.array([find_patch(frame) for frame in pixels])
     # The robot moves up, then right; both axes have the same scale.
-    scale = (centers[-1] - centers[0]) / np.subtract(PATH[-1], PATH[0])[:2]
+    scale = (centers[-1] - centers[0]) / np.subtract(TURNING_PATH[-1], TURNING_PATH[0])[:2]
     assert scale[0] == pytest.approx(scale[1], rel=0.03)
     assert scale[0] > 20
     assert centers[2, 1] - centers[0, 1] > 0.6 * (centers[-1, 1] - centers[0, 1])
@@ -150,7 +151,7 @@ def test_trajectories_are_animated_at_true_speed(flat: CSpace, tmp_path: Path) -
 
 
 def test_the_robot_covers_its_shape_and_the_other_panel_shows_the_slice_of_its_yaw(turning: CSpace) -> None:
-    stage = PlaneAnimation(turning, Route.of(turning, PATH, None, None), None)
+    stage = PlaneAnimation(turning, Route.of(turning, TURNING_PATH, None, None), None)
     world, plane = stage.figure.axes
     for q in ((2.0, 4.0, 0.0), (3.0, 3.9, math.pi / 2)):
         image = stage.frame(np.array(q))[::-1]

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from cspace import CSpace, FileError, InputError, Robot, Rotations, Workspace, build
 from cspace.plot import animate, plot, save_plot
+from tests.pictures import TURNING_PATH
 from tests.refusals import refusals
 
-PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 SOLID: dict[str, Any] = {"view": "3d"}
 
 
@@ -103,15 +103,15 @@ def test_plot_refuses_axes(maps: dict[str, CSpace], name: str, options: dict[str
     ("turning", [], {}, "path is empty"),
     ("turning", [(1, 1)], {}, "path has shape (1, 2); it must be (n, 3)"),
     ("turning", [(1, 1, float("nan"))], {}, "path[0, 2] is nan"),
-    ("turning", PATH, {"seconds": 0}, "seconds is 0"),
-    ("turning", PATH, {"seconds": -1.0}, "seconds is -1.0"),
-    ("turning", PATH, {"rate": 0.0}, "rate is 0.0"),
-    ("turning", PATH, {"rate": 60}, "at most 50"),
-    ("turning", PATH, {"rate": float("nan")}, "rate is nan"),
-    ("turning", PATH, {"seconds": 1e4}, "at most 1000"),
-    ("turning", PATH, {"file": "drive.mp4"}, ".gif"),
-    ("turning", PATH, {"file": "drive"}, ".gif"),
-    ("turning", PATH, {"camera": (30, 30)}, "camera is given for a plane map"),
+    ("turning", TURNING_PATH, {"seconds": 0}, "seconds is 0"),
+    ("turning", TURNING_PATH, {"seconds": -1.0}, "seconds is -1.0"),
+    ("turning", TURNING_PATH, {"rate": 0.0}, "rate is 0.0"),
+    ("turning", TURNING_PATH, {"rate": 60}, "at most 50"),
+    ("turning", TURNING_PATH, {"rate": float("nan")}, "rate is nan"),
+    ("turning", TURNING_PATH, {"seconds": 1e4}, "at most 1000"),
+    ("turning", TURNING_PATH, {"file": "drive.mp4"}, ".gif"),
+    ("turning", TURNING_PATH, {"file": "drive"}, ".gif"),
+    ("turning", TURNING_PATH, {"camera": (30, 30)}, "camera is given for a plane map"),
     ("hall", [(1, 1, 1)], {"camera": (120, 0)}, "camera is"),
 )
 def test_animate_refuses(

@@ -17,7 +17,7 @@ from cspace.plot.route import clip_path
 from tests import handmade
 from tests.pictures import COLORS, class_of, heading, labels, rendered
 
-PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
+SECTION_PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
 
 def expect_class(space: CSpace, cell: NDArray[np.int64]) -> str:
@@ -120,15 +120,15 @@ def test_clip_path_keeps_the_parts_between_two_planes(data: st.DataObject) -> No
 
 def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
     """Draw the path faintly outside the robot's reach."""
-    ax = plot(hall, path=PATH, center=(3.0, 1.2, 1.0), robot_every=0.5)
+    ax = plot(hall, path=SECTION_PATH, center=(3.0, 1.2, 1.0), robot_every=0.5)
     for panel, pair, across in zip(ax.figure.axes, read_axis_pairs(ax.figure), (2, 1, 0), strict=True):
         drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
-        np.testing.assert_array_equal(drawn["path, away from the section"], np.array(PATH)[:, pair])
-        np.testing.assert_array_equal(drawn["start"], [np.array(PATH[0])[list(pair)]])
-        np.testing.assert_array_equal(drawn["goal"], [np.array(PATH[-1])[list(pair)]])
+        np.testing.assert_array_equal(drawn["path, away from the section"], np.array(SECTION_PATH)[:, pair])
+        np.testing.assert_array_equal(drawn["start"], [np.array(SECTION_PATH[0])[list(pair)]])
+        np.testing.assert_array_equal(drawn["goal"], [np.array(SECTION_PATH[-1])[list(pair)]])
         half = np.array([0.25, 0.2, 0.15])
         at = np.array([3.0, 1.2, 1.0])
-        expected = clip_path(np.array(PATH), across, at[across] - half[across], at[across] + half[across])
+        expected = clip_path(np.array(SECTION_PATH), across, at[across] - half[across], at[across] + half[across])
         np.testing.assert_allclose(drawn["path"], expected[:, pair])
         boxes = [outline.get_extents() for outline in panel.collections[0].get_paths()]
         np.testing.assert_allclose([(box.width, box.height) for box in boxes], [2 * half[list(pair)]] * len(boxes))

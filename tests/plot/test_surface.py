@@ -19,7 +19,7 @@ from tests.pictures import check_within, heading, heading_box, labels, rendered
 
 GRID = Grid((-1.0, 2.0, 0.5), 0.5, (5, 4, 3))
 TOWARDS = np.array([0.6, -0.5, 0.7])
-PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
+SURFACE_PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
 
 def locate_faces(corners: NDArray[np.float64]) -> set[tuple[int, ...]]:
@@ -120,22 +120,22 @@ def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> Non
 
 
 def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
-    ax = plot(hall, view="3d", path=PATH, robot_every=1.0)
+    ax = plot(hall, view="3d", path=SURFACE_PATH, robot_every=1.0)
     corners, colors = collect_polygons(ax)
     blue = np.abs(colors - to_rgb(artists.PATH_COLOR)).max(axis=1) < 1e-6
     ribbon = corners[blue].mean(axis=1)
     assert len(ribbon) > 100
     # Each piece of the ribbon is on the path, and each waypoint is near one.
-    a, b = np.array(PATH[:-1]), np.array(PATH[1:])
+    a, b = np.array(SURFACE_PATH[:-1]), np.array(SURFACE_PATH[1:])
     share = np.clip(((ribbon[:, None] - a) * (b - a)).sum(axis=2) / ((b - a) ** 2).sum(axis=1), 0.0, 1.0)
     assert np.linalg.norm(ribbon[:, None] - a - share[..., None] * (b - a), axis=2).min(axis=1).max() < 1e-9
-    assert np.linalg.norm(ribbon[:, None] - np.array(PATH), axis=2).min(axis=0).max() < 0.05
+    assert np.linalg.norm(ribbon[:, None] - np.array(SURFACE_PATH), axis=2).min(axis=0).max() < 0.05
     green = colors[:, 1] > colors[:, 0] + 0.1
-    near = np.abs(corners[green & ~blue] - PATH[0]).max(axis=(1, 2)) < 0.26
+    near = np.abs(corners[green & ~blue] - SURFACE_PATH[0]).max(axis=(1, 2)) < 0.26
     np.testing.assert_allclose(np.ptp(corners[green & ~blue][near].reshape(-1, 3), axis=0), (0.5, 0.4, 0.3))
     lines = {line.get_label(): np.transpose(line.get_data_3d()) for line in ax.lines}
-    np.testing.assert_allclose(lines["start"], PATH[:1])
-    np.testing.assert_allclose(lines["goal"], PATH[-1:])
+    np.testing.assert_allclose(lines["start"], SURFACE_PATH[:1])
+    np.testing.assert_allclose(lines["goal"], SURFACE_PATH[-1:])
     assert labels(ax) == ["obstacle", "robot", "path, dotted behind something", "start", "goal"]
 
 
@@ -155,16 +155,16 @@ def test_unknown_cells_have_their_own_colour_in_3d() -> None:
 
 
 def test_the_cut_is_above_the_path(hall: CSpace) -> None:
-    assert "cut at z = 1.35 m" in heading(plot(hall, view="3d", path=PATH))
-    corners, _ = collect_polygons(plot(hall, view="3d", path=PATH))
+    assert "cut at z = 1.35 m" in heading(plot(hall, view="3d", path=SURFACE_PATH))
+    corners, _ = collect_polygons(plot(hall, view="3d", path=SURFACE_PATH))
     assert corners[..., 2].max() == pytest.approx(1.4)
-    assert collect_polygons(plot(hall, view="3d", path=PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
+    assert collect_polygons(plot(hall, view="3d", path=SURFACE_PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
     assert collect_polygons(plot(hall, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
 
 
 @pytest.mark.parametrize("camera", [None, (90.0, 0.0), (10.0, 80.0)])
 def test_surface_fits_the_figure(hall: CSpace, camera: Any) -> None:
-    ax = plot(hall, view="3d", path=PATH, camera=camera)
+    ax = plot(hall, view="3d", path=SURFACE_PATH, camera=camera)
     rendered(ax)
     figure = ax.figure
     texts = [figure.legends[0].get_window_extent(), heading_box(figure)]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from cspace import Grid, InputError, Robot
 from cspace.shapes import Balls, Polygons
 from tests import oracles
+from tests.placements import ORACLE_BAND
 from tests.strategies import robots, seeds, spacings, stars
 
-NEAR = 1e-6
 """In metres: more than the slack of any grid used here."""
 
 
@@ -28,10 +28,10 @@ def check_between(cells, low, high):
 def test_polygon_rasters_are_exact_in_their_direction(vertices, spacing, margin):
     outer, inner = (oracles.raster_offsets(raster) for raster in Robot.polygon(vertices).rasters(spacing, margin))
     reach = int(1.2 / spacing) + 2
-    check_between(outer, *oracles.polygon_outer_offsets(vertices, spacing, (margin, margin + NEAR), reach))
+    check_between(outer, *oracles.polygon_outer_offsets(vertices, spacing, (margin, margin + ORACLE_BAND), reach))
     within = oracles.polygon_inner_offsets(vertices, spacing, reach)
     shape = shapely.Polygon(vertices)
-    deep = {m for m in within if shape.exterior.distance(shapely.Point(np.multiply(m, spacing))) > NEAR}
+    deep = {m for m in within if shape.exterior.distance(shapely.Point(np.multiply(m, spacing))) > ORACLE_BAND}
     check_between(inner, deep, within)
 
 
@@ -48,9 +48,9 @@ def test_disc_rasters_are_exact_in_their_direction(center, radius, spacing, marg
     outer, inner = (oracles.raster_offsets(raster) for raster in Robot.disc(radius, center).rasters(spacing, margin))
     reach = int(2.0 / spacing) + 2
     touching = oracles.disc_outer_offsets(center, radius, spacing, margin, reach)
-    check_between(outer, touching, oracles.disc_outer_offsets(center, radius, spacing, margin + NEAR, reach))
+    check_between(outer, touching, oracles.disc_outer_offsets(center, radius, spacing, margin + ORACLE_BAND, reach))
     within = oracles.disc_inner_offsets(center, radius, spacing, reach)
-    check_between(inner, oracles.disc_inner_offsets(center, max(radius - NEAR, 0.0), spacing, reach), within)
+    check_between(inner, oracles.disc_inner_offsets(center, max(radius - ORACLE_BAND, 0.0), spacing, reach), within)
 
 
 @settings(max_examples=40)
@@ -69,7 +69,10 @@ def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
         gap = shapely.distance(boxes, robot.geometry)
         border = shapely.distance(points, robot.geometry.boundary)
         depth = np.where(shapely.intersects(robot.geometry, points), -border, border)
-    for raster, must, may in ((outer, gap <= margin - 1e-9, gap <= margin + NEAR), (inner, depth < -NEAR, depth <= 0)):
+    for raster, must, may in (
+        (outer, gap <= margin - 1e-9, gap <= margin + ORACLE_BAND),
+        (inner, depth < -ORACLE_BAND, depth <= 0),
+    ):
         members = oracles.raster_offsets(raster)
         as_set = [{tuple(m) for m in offsets[which].tolist()} for which in (must, may)]
         check_between({m for m in members if max(map(abs, m)) <= 30}, *as_set)
@@ -103,10 +106,10 @@ def test_obstacle_cells_agree_with_shapely(seed, spacing):
     cells = shapely.box(corners[..., 0], corners[..., 1], corners[..., 0] + spacing, corners[..., 1] + spacing)
     gap = np.min([shapely.distance(cells, shape) for shape in chosen], axis=0)
     assert outer[gap == 0].all()
-    assert not outer[gap > NEAR].any()
+    assert not outer[gap > ORACLE_BAND].any()
     covered = np.any([shapely.covers(shape, cells) for shape in chosen], axis=0)
-    deep = np.any([shapely.contains(shape.buffer(-NEAR), cells) for shape in chosen if shape.area], axis=0)
-    assert not inner[~covered & ~shapely.contains(shapely.union_all(chosen).buffer(NEAR), cells)].any()
+    deep = np.any([shapely.contains(shape.buffer(-ORACLE_BAND), cells) for shape in chosen if shape.area], axis=0)
+    assert not inner[~covered & ~shapely.contains(shapely.union_all(chosen).buffer(ORACLE_BAND), cells)].any()
     assert inner[deep].all()
     assert not (inner & ~outer).any()
 

@@ -19,9 +19,8 @@ from cspace.raster.triangles import mark_within, subdivide, sweep_triangles
 from tests import solids
 from tests.mesh_files import join_meshes, make_box
 from tests.oracles import cross, distance_to_triangles, dot, units
+from tests.placements import ORACLE_BAND
 from tests.strategies import seeds
-
-NEAR = 1e-6
 
 
 def make_soup(triangles):
@@ -87,13 +86,13 @@ def draw_small_mesh(rng, kind):
     return far - far.mean(axis=1, keepdims=True) + rng.uniform(0, 5, (n, 1, 3))
 
 
-KINDS = ["random", "sliver", "touching", "lattice", "degenerate", "huge"]
+MESH_KINDS = ["random", "sliver", "touching", "lattice", "degenerate", "huge"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", MESH_KINDS)
 @pytest.mark.parametrize("lower", [0.0, 2.0**20 + 0.3, -(2.0**21)])
 def test_touched_cells_agree_with_exact_separating_axes(kind, lower):
-    rng = np.random.default_rng([KINDS.index(kind), abs(int(lower))])
+    rng = np.random.default_rng([MESH_KINDS.index(kind), abs(int(lower))])
     for spacing in (1.0, 0.1):
         grid = Grid((lower * spacing,) * 3, spacing, (4, 3, 5))
         mesh = Mesh.of(make_soup(grid.lower + spacing * draw_small_mesh(rng, kind)), "surface")
@@ -118,7 +117,7 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
         # In cells of the grid, because FCL's tolerance is absolute.
         surface = solids.surface((mesh.vertices - corner) / h, faces)
         for cell in np.ndindex(*grid.shape):
-            side = 1.0 + NEAR if outer[cell] else 1.0 - NEAR
+            side = 1.0 + ORACLE_BAND if outer[cell] else 1.0 - ORACLE_BAND
             cube = solids.box((side, side, side), np.add(cell, 0.5))
             assert solids.meet(surface, cube) == outer[cell], (number, kind, cell)
 
@@ -293,11 +292,11 @@ def test_round_solids_agree_with_their_formulas():
         assert inner[depth < -half - sag].all()
         assert not inner[depth > -0.075].any()
         assert outer[depth < 0.075 - sag].all()
-        assert not outer[depth > half + NEAR].any()
+        assert not outer[depth > half + ORACLE_BAND].any()
         assert mesh.contains(centers)[depth < -sag].all()
         assert not mesh.contains(centers)[depth > 0].any()
         a_out, a_in = mesh.rasters(0.15)
-        for raster, must, may in ((a_out, 0.15 - sag, 0.15 * math.sqrt(3) + NEAR), (a_in, -sag, 0.0)):
+        for raster, must, may in ((a_out, 0.15 - sag, 0.15 * math.sqrt(3) + ORACLE_BAND), (a_in, -sag, 0.0)):
             points = np.moveaxis(np.indices(np.array(raster.cells.shape) + 4), 0, -1) - 2 + raster.lower
             cells = np.pad(raster.cells, 2)
             depth = distance(points * 0.15)
@@ -321,7 +320,7 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
     for raster, must, may in (
         (outer, gap <= margin, gap <= margin + 1e-5),
         # Lattice points on the boundary itself are skipped, because rounding may put them on either side.
-        (inner, depth > NEAR, depth > 1e-9),
+        (inner, depth > ORACLE_BAND, depth > 1e-9),
     ):
         cells = np.zeros((48,) * 3, dtype=bool)
         start = np.add(raster.lower, 20)

@@ -104,7 +104,7 @@ def draw(space: CSpace, n: int) -> Floats:
 
 
 def collides(space: CSpace, q: Floats) -> Bools:
-    """Return True where a sample point collides."""
+    """Return True for configurations with a colliding sample point."""
     axes = [np.linspace(-size / 2, size / 2, n) for size, n in ((0.5, 31), (0.12, 9), (0.06, 7))]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     occupied, answers = np.pad(space.workspace.outer, 1, constant_values=True), np.empty(len(q), dtype=np.bool_)

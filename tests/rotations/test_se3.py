@@ -253,7 +253,7 @@ def test_search_boxes_are_no_larger_than_necessary():
 def compute_depths(extents, middle, q, lows):
     """Return the penetration depth (n,) into cubes.
 
-    The depth is negative for disjoint boxes, which one of 15 axes separates (Gottschalk and others, 1996).
+    The depth is negative for disjoint boxes, by 15 separating axes (Gottschalk and others, 1996).
     """
     turns = Rotation.from_quat(q[:, 3:]).as_matrix()
     centers = q[:, :3] + turns @ middle

@@ -52,7 +52,7 @@ QUERY_STEP = 20
 EXACT_POINT, EXACT_EDGE, LOST = "exact point", "exact edge", "exact point that is not proven"
 
 Draw = Callable[[int, int], Case]
-SPACES: dict[str, tuple[Draw, int]] = {
+SPACE_CASES: dict[str, tuple[Draw, int]] = {
     "robots in the plane": (draw_case, 1),
     "robots that turn": (partial(draw_case, turning=True), 1),
     "robots in space": (draw_solid_case, 1),
@@ -64,7 +64,7 @@ SPACES: dict[str, tuple[Draw, int]] = {
 
 def check(report: Report, seed: int, answers: int, edges: int) -> None:
     """Check random maps of each space."""
-    for name, (draw, share) in SPACES.items():
+    for name, (draw, share) in SPACE_CASES.items():
         check_maps(report, name, draw, seed, answers // share, edges // share)
 
 
@@ -91,7 +91,7 @@ def check_maps(report: Report, name: str, draw: Draw, seed: int, answers: int, e
 
 def check_exact(report: Report, seed: int, edges: int) -> None:
     """Check what only ``exact=True`` proves, in each space."""
-    for name, (draw, share) in SPACES.items():
+    for name, (draw, share) in SPACE_CASES.items():
 
         def check_case(tally: Tally, number: int, draw: Draw = draw) -> None:
             _check_exact(tally, draw(seed, number), np.random.default_rng([seed, number, 6]))

@@ -14,8 +14,8 @@ from cspace.errors import FileError, GeometryError, InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import BallDecomposition, Bounds, decompose
 from tests.refusals import refusals
+from tests.spectral.test_decompose import RECTANGLE
 
-RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")
 
 

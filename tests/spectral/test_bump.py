@@ -16,7 +16,6 @@ from tests.refusals import refusals
 
 ALPHAS = [0.01, 0.1, 0.5, 1.0, 2.0, 3.7, 10.0, 100.0, 1e4, math.inf]
 SMOOTH = [2.0, 8.0]
-DIMS = [2, 3]
 
 
 def evaluate_plainly(s, alpha):
@@ -59,7 +58,7 @@ def integrate_reference(alpha, dim, k):
 
 
 @pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("alpha", [0.01, 0.5, 2.0, 10.0, 1e4, math.inf])
 def test_radial_spectrum_agrees_with_adaptive_quadrature(alpha, dim):
     bump = Bump(alpha)
@@ -68,7 +67,7 @@ def test_radial_spectrum_agrees_with_adaptive_quadrature(alpha, dim):
     assert np.abs(bump.radial_spectrum(k, dim) - expected).max() <= 1e-12 * expected[0]
 
 
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("alpha", [0.3, 2.0, 30.0])
 def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(alpha, dim):
     k = np.array([150.3, 500.0, 2000.7])
@@ -98,7 +97,7 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
     assert np.abs(spectrum - expected).max() <= 1e-12 * Bump(alpha).radial_spectrum(0.0, dim)
 
 
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("alpha", "most"), [(0.2, 60.0), (40.0, 200.0), (math.inf, 60.0)])
 def test_table_interpolates_the_spectrum(alpha, most, dim):
     """Test all intervals of tables, including one computed in parts."""
@@ -132,7 +131,7 @@ def test_profile_decreases_with_distance_and_increases_with_alpha(alpha, first, 
     assert Bump(math.inf).profile(near) >= bump.profile(near)
 
 
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_converges_to_the_indicator_for_large_alpha(dim):
     k = np.linspace(0.0, 5.0, 50)
     exact = Bump(math.inf).radial_spectrum(k, dim)
@@ -156,7 +155,7 @@ def integrate_lens(a, b, distance, dim):
     return total
 
 
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.3, 1.1), (2.0, 0.7)])
 def test_indicator_pairs_agree_with_the_lens(a, b, dim):
     bump = Bump(math.inf)
@@ -177,7 +176,7 @@ def test_thin_lenses_keep_their_relative_accuracy(depth):
     assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 3) == pytest.approx(math.pi / 2.0 * depth**2, rel=depth + 1e-6)
 
 
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("alpha", SMOOTH)
 @pytest.mark.parametrize(("a", "b"), [(0.4, 1.1)])
 def test_pair_integral_agrees_with_the_inverse_transform(alpha, a, b, dim):
@@ -215,7 +214,7 @@ def test_barely_overlapping_pairs_keep_their_relative_accuracy(depth):
 
 
 @pytest.mark.parametrize("alpha", [0.3, 2.0, 20.0, math.inf])
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 def test_pair_integral_decreases_with_distance_and_is_symmetric(alpha, dim):
     bump = Bump(alpha)
     distances = np.linspace(0.0, 1.75, 15)
@@ -227,7 +226,7 @@ def test_pair_integral_decreases_with_distance_and_is_symmetric(alpha, dim):
     )
 
 
-@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("dim", [2, 3])
 def test_pair_integral_is_the_integral_of_the_product_of_descriptors(dim):
     grid = Grid((-1.3,) * dim, 0.02, (150,) * dim)
     centers = np.array([[0.1, 0.05, 0.0], [0.75, 0.3, -0.2]])[:, :dim]

@@ -40,7 +40,7 @@ def to_cells(cells, spacing, lower=(0.0, 0.0)):
     return shapely.transform(whole, lambda points: points * spacing + np.asarray(lower))
 
 
-KINDS = ["inner", "outer"]
+BALL_KINDS = ["inner", "outer"]
 BITMAPS = {"bitmap": bitmap((12, 9), 0), "thin bitmap": bitmap((30, 4), 1, 0.8)}
 FLAT = {
     "rectangle": RECTANGLE,
@@ -135,7 +135,7 @@ def check_plane(balls, shape, rng):
         assert low <= gap + 0.05 * size
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 @pytest.mark.parametrize("limit", ["number", "tolerance"])
 @pytest.mark.parametrize("name", FLAT)
 def test_balls_bound_plane_shapes(name, kind, limit):
@@ -145,7 +145,7 @@ def test_balls_bound_plane_shapes(name, kind, limit):
     check_plane(balls, whole, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 @pytest.mark.parametrize("name", BITMAPS)
 def test_balls_bound_bitmaps(name, kind):
     cells, lower = BITMAPS[name], (0.3, -2.0)
@@ -153,7 +153,7 @@ def test_balls_bound_bitmaps(name, kind):
     check_plane(balls, to_cells(cells, 0.1, lower), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 def test_balls_bound_a_large_bitmap(kind):
     x, y = np.mgrid[:700, :500]
     cells = (x - 350) ** 2 / 3 + (y - 250) ** 2 < 150**2
@@ -173,7 +173,7 @@ def test_64_balls_fill_most_of_a_shape(shape):
 
 
 @settings(max_examples=10)
-@given(stars(), st.sampled_from(KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
+@given(stars(), st.sampled_from(BALL_KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
 def test_balls_bound_random_polygons(vertices, kind, limit, seed):
     shape = shapely.Polygon(vertices)
     check_plane(make_balls(vertices, diagonal(shape), kind, limit), shape, np.random.default_rng(seed))
@@ -208,7 +208,7 @@ def check_solid(balls, mesh, rng):
         assert balls.measure.lower * 0.93 - 0.02 <= share <= balls.measure.upper * 1.07 + 0.02
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 @pytest.mark.parametrize("name", SOLIDS)
 def test_balls_bound_solids(name, kind):
     mesh, limit = SOLIDS[name], OPTIONS["number"] if name == "icosphere" else LOOSE
@@ -216,7 +216,7 @@ def test_balls_bound_solids(name, kind):
     check_solid(balls, mesh, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 def test_balls_bound_voxels(kind):
     cells = bitmap((6, 5, 7), 3)
     balls = decompose(Voxels.of(cells, 0.2), kind=kind, tolerance=0.15)
@@ -311,13 +311,13 @@ def test_area_bounds_hold_for_nearly_coincident_discs():
 # ---- real shapes -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 def test_balls_bound_the_bundled_floor_plan(kind):
     shape = shapely.union_all(floor_plan())
     check_plane(decompose(shape, kind=kind, number=200), shape, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 def test_balls_bound_real_polygons(data, kind):
     folder = data / "polygons"
     cars = json.loads((folder / "parking1.geojson").read_text())["features"]
@@ -326,7 +326,7 @@ def test_balls_bound_real_polygons(data, kind):
         check_plane(make_balls(shape, diagonal(shape), kind, LOOSE), shape, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BALL_KINDS)
 @pytest.mark.parametrize("name", ["ZTunnel/obstacles.obj", "LTunnel/l-robot.obj"])
 def test_balls_bound_real_meshes(data, name, kind):
     mesh = Mesh.of(data / "solids" / name)

@@ -19,7 +19,7 @@ from tests.refusals import refusals
 pytest.importorskip("finufft")
 
 OBSTACLE, RADIUS = (1.0, 0.32, 0.5), 0.3
-KINDS = ["plane", "shared", "space"]
+FIELD_KINDS = ["plane", "shared", "space"]
 OBSTACLES = np.array([[1.5, 1.0], [1.5, 1.4], [3.0, 2.6], [3.3, 2.4]]), np.full(4, 0.3)
 ROBOT = np.array([[-0.2, 0.0], [0.2, 0.0], [0.3, 0.1]]), np.array([0.15, 0.15, 0.1])
 
@@ -181,7 +181,7 @@ def test_objective_without_overlap_is_the_length() -> None:
 # ---- the field that a map carries ------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=FIELD_KINDS)
 def carried(request: pytest.FixtureRequest) -> CSpace:
     space, overlap = build_scene(request.param)
     return space.with_overlap_field(overlap)
@@ -203,7 +203,7 @@ def replace_field(space: CSpace, fields: Any = None) -> CSpace:
     )
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "turning"])
+@pytest.mark.parametrize("kind", [*FIELD_KINDS, "turning"])
 def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
     space, overlap = build_scene(kind, counts=True, margin=0.01)
     clearance = space.clearance(space.nearest_free([0.0] * space.size))
@@ -222,7 +222,7 @@ def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
     assert again.overlap_field is None and not set(FIELD_NAMES) & set(again.to_xarray())
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "turning"])
+@pytest.mark.parametrize("kind", [*FIELD_KINDS, "turning"])
 def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
     space, overlap = build_scene(kind)
     with_field = space.with_overlap_field(overlap)

@@ -8,10 +8,10 @@ import pytest
 from cspace.rotations import Rotations
 from cspace.view.map_canvas import Poses
 
-SPACES = [(2, None), (2, 8), (3, None), (3, 8), (3, Rotations.quaternions(2))]
+POSE_SPACES = [(2, None), (2, 8), (3, None), (3, 8), (3, Rotations.quaternions(2))]
 
 
-@pytest.mark.parametrize(("dim", "cells"), SPACES, ids=["R2", "SE2", "R3", "R3xSO2", "SE3"])
+@pytest.mark.parametrize(("dim", "cells"), POSE_SPACES, ids=["R2", "SE2", "R3", "R3xSO2", "SE3"])
 def test_poses_and_configurations_round_trip(dim: int, cells: object) -> None:
     rotations, rng = Rotations.of(cells), np.random.default_rng(0)  # type: ignore[arg-type]
     poses = Poses(dim, rotations)

@@ -24,7 +24,7 @@ from tests.waiting import until
 
 pytest.importorskip("viser")
 
-SPACES = {
+VIEWED_SPACES = {
     "R2": (2, cspace.Robot.disc(0.1), None),
     "SE2": (2, cspace.Robot.polygon([(-0.1, -0.1), (0.2, 0.0), (-0.1, 0.1)]), 12),
     "R3": (3, cspace.Robot.ball(0.1), None),
@@ -35,13 +35,13 @@ SPACES = {
 
 def build_room(kind: str) -> cspace.CSpace:
     """Build a map of a room with a column."""
-    dim, robot, rotations = SPACES[kind]
+    dim, robot, rotations = VIEWED_SPACES[kind]
     occupied = np.zeros((24, 20, 12)[:dim], dtype=bool)
     occupied[11:13, 9:12] = True
     return cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
 
 
-@pytest.fixture(scope="module", params=SPACES)
+@pytest.fixture(scope="module", params=VIEWED_SPACES)
 def viewer(request: pytest.FixtureRequest) -> Iterator[tuple[cspace.CSpace, Viewer]]:
     space = build_room(request.param)
     with space.view(block=False, port=0) as viewer:
