@@ -144,6 +144,8 @@ def test_trajectories_follow_straight_edges_within_limits_from_rest_to_rest(seed
         positions, velocities, _ = trajectory.sample(t)
         if count > 1:
             assert distances_to_edges(kind, waypoints, positions).max() < 1e-9
+        if kind in ("turning", "yawing"):
+            assert (np.abs(positions[:, -1]) <= math.pi).all()
         translation, rotation = rates_of(kind, velocities)
         assert excess(kind, translation, limits["max_velocity"]) <= 1.0 + 1e-9
         assert rotation.max() <= limits.get("max_angular_velocity", 0.0) * (1.0 + 1e-9)
