@@ -12,24 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import typer
 
 from cspace.cli.options import (
-    Bounds,
+    Inputs,
     Json,
-    PackageDirs,
-    Radius,
-    SolidMesh,
-    SolidRobot,
-    Spacing,
     Srdf,
-    TurningCells,
-    UnknownCells,
     check_dimensions,
     drop_none,
     open_robot,
     parse_rotation_cells,
     read_arm,
-    read_robot,
     refuse_options,
-    workspace_options,
+    spread_inputs,
 )
 from cspace.cli.report import ByName, Options, format_error, option_names, show, with_unit
 from cspace.errors import InputError
@@ -58,27 +50,21 @@ _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
 """Options of each kind; a workspace with a robot also takes the robot's options."""
 
 
+@spread_inputs
 def info(
     context: typer.Context,
     file: Annotated[
         str, typer.Argument(metavar="FILE", help="A saved map, a workspace, a robot (file or spec), or an arm.")
     ],
+    inputs: Inputs,
     kind: Annotated[
         FileKind | None,
         typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name]."),
     ] = None,
-    spacing: Spacing = None,
     robot: Annotated[
         str | None, typer.Option(metavar="SPEC", help="A robot to describe beside a workspace, as for cspace map.")
     ] = None,
-    bounds: Bounds = None,
-    unknown: UnknownCells = None,
-    solid: SolidMesh = None,
-    robot_solid: SolidRobot = None,
     srdf: Srdf = None,
-    package_dirs: PackageDirs = None,
-    radius: Radius = None,
-    rotations: TurningCells = None,
     as_json: Json = False,
 ) -> None:
     """Show what a map, a workspace, a robot or an arm holds.
@@ -89,9 +75,13 @@ def info(
     from cspace.opening import open_map
 
     kind = kind or _guess_kind(file)
-    options = workspace_options(spacing, unknown, bounds, solid, radius)
+    options, solid, package_dirs = inputs.workspace_options(), inputs.solid, inputs.package_dirs
     others = drop_none(
-        robot=robot, rotations=rotations, robot_solid=robot_solid, srdf=srdf, package_dirs=package_dirs or None
+        robot=robot,
+        rotations=inputs.rotations,
+        robot_solid=inputs.robot_solid,
+        srdf=srdf,
+        package_dirs=package_dirs or None,
     )
     taken = _OPTIONS_BY_KIND[kind] if robot is None else (*_OPTIONS_BY_KIND[kind], "robot_solid", "package_dirs")
     refuse_options({**options, **others}, taken, f"{file} is {_KIND_NAMES[kind]}")
@@ -100,10 +90,10 @@ def info(
     elif kind == "arm":
         document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs))
     elif kind == "robot":
-        document = describe_robot(open_robot(file, solid, package_dirs), spacing)
+        document = describe_robot(open_robot(file, solid, package_dirs), inputs.spacing)
     else:
-        other = None if robot is None else read_robot(robot, robot_solid, package_dirs)
-        document = describe_workspace(Path(file), options, option_names(context.command), other, rotations)
+        other = None if robot is None else inputs.read_robot(robot)
+        document = describe_workspace(Path(file), options, option_names(context.command), other, inputs.rotations)
     show({"kind": kind, **document}, as_json)
 
 

@@ -19,20 +19,15 @@ from cspace.cli.files import (
 )
 from cspace.cli.info import describe_map
 from cspace.cli.options import (
-    Bounds,
+    Inputs,
     Json,
     MapFile,
     Mark,
     Overwrite,
     PackageDirs,
     PathFile,
-    Radius,
     SolidMesh,
-    SolidRobot,
-    Spacing,
     Srdf,
-    TurningCells,
-    UnknownCells,
     check_dimensions,
     drop_none,
     parse_box,
@@ -41,9 +36,8 @@ from cspace.cli.options import (
     parse_rotation_cells,
     read_arm,
     read_marks,
-    read_robot,
     refuse_options,
-    workspace_options,
+    spread_inputs,
 )
 from cspace.cli.report import Clock, show
 from cspace.errors import InputError
@@ -56,6 +50,7 @@ if TYPE_CHECKING:
     from cspace.view import ViewOptions
 
 
+@spread_inputs
 def make(
     workspace: Annotated[
         Path,
@@ -75,6 +70,7 @@ def make(
             "polygon. In space: ball:0.3, box:0.6x0.6x0.2, cylinder:0.3x1.2, capsule:0.3x1.2 or a mesh.",
         ),
     ],
+    inputs: Inputs,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -85,14 +81,6 @@ def make(
             help="The map: .zarr  [default: the workspace's name with .zarr, in this folder].",
         ),
     ] = None,
-    spacing: Spacing = None,
-    rotations: TurningCells = None,
-    bounds: Bounds = None,
-    unknown: UnknownCells = None,
-    solid: SolidMesh = None,
-    robot_solid: SolidRobot = None,
-    package_dirs: PackageDirs = None,
-    radius: Radius = None,
     outside: Annotated[Literal["blocked", "free"], typer.Option(help="What lies beyond the workspace.")] = "blocked",
     margin: Annotated[float, typer.Option(metavar="METRES", help="Grow the robot by this much.")] = 0.0,
     inner: Annotated[
@@ -120,16 +108,16 @@ def make(
     from cspace.store import MAP_SUFFIXES
     from cspace.workspace import Workspace, reader_of
 
-    cells = parse_rotation_cells(rotations)
+    cells = parse_rotation_cells(inputs.rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     if tile is None:
         check_outputs([output], MAP_SUFFIXES, overwrite)
     else:
         prepare_store(output, overwrite)
-    options = workspace_options(spacing, unknown, bounds, solid, radius)
+    options = inputs.workspace_options()
     clock = Clock()
     with clock.step("read"):
-        shape = read_robot(robot, robot_solid, package_dirs)
+        shape = inputs.read_robot(robot)
         reader_of(workspace, options)
         check_dimensions(workspace, read_dimension(workspace), shape, cells)
         lazy = {} if tile is None else lazy_option(workspace, options)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -42,30 +45,6 @@ Mark = Annotated[
     ),
 ]
 
-Spacing = Annotated[
-    float | None,
-    typer.Option(metavar="METRES", help="Side of a cell, for files that do not say: images, polygons, meshes, points."),
-]
-TurningCells = Annotated[
-    str | None,
-    typer.Option(
-        "--rotations",
-        metavar="COUNT",
-        help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in space, for all rotations.",
-    ),
-]
-UnknownCells = Annotated[
-    Unknown | None,
-    typer.Option("--unknown", help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."),
-]
-Bounds = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LOWER,UPPER",
-        help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in space "
-        "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
-    ),
-]
 SolidMesh = Annotated[
     Solid | None,
     typer.Option(
@@ -73,9 +52,6 @@ SolidMesh = Annotated[
         help="What has an inside in a mesh of obstacles: closed parts, nothing, or what it "
         "encloses at this spacing  [default: auto].",
     ),
-]
-SolidRobot = Annotated[
-    Solid | None, typer.Option("--robot-solid", help="The same for a robot that is a mesh  [default: auto].")
 ]
 PackageDirs = Annotated[
     list[Path] | None,
@@ -86,9 +62,6 @@ PackageDirs = Annotated[
         help="Folder that holds the ROS packages of a URDF's meshes; may be repeated.",
     ),
 ]
-Radius = Annotated[
-    float | None, typer.Option("--radius", metavar="METRES", help="Of the ball around each point of a point cloud.")
-]
 
 
 Srdf = Annotated[
@@ -97,33 +70,82 @@ Srdf = Annotated[
 ]
 
 
-def workspace_options(
-    spacing: float | None, unknown: Unknown | None, bounds: str | None, solid: Solid | None, radius: float | None
-) -> dict[str, Any]:
-    """Return the options for the reader of a workspace, checked without the file.
+@dataclass(frozen=True)
+class Inputs:
+    """Options of workspaces and robots that commands share; see :func:`spread_inputs`."""
 
-    Raises InputError if ``bounds`` is not a box or a number is out of range.
-    """
-    from cspace.check import check_positive
-
-    if spacing is not None:
-        check_positive(spacing, "spacing")
-    return drop_none(
-        spacing=spacing,
-        unknown=unknown,
-        bounds=None if bounds is None else parse_box(bounds, "--bounds"),
-        solid=solid,
-        radius=radius,
+    spacing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES", help="Side of a cell, where the file does not say: images, polygons, meshes, points."
+        ),
+    ] = None
+    rotations: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COUNT",
+            help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in space, for all.",
+        ),
+    ] = None
+    bounds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOWER,UPPER",
+            help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in space "
+            "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
+        ),
+    ] = None
+    unknown: Annotated[
+        Unknown | None,
+        typer.Option(help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."),
+    ] = None
+    solid: SolidMesh = None
+    robot_solid: Annotated[Solid | None, typer.Option(help="The same for a robot that is a mesh  [default: auto].")] = (
+        None
     )
+    package_dirs: PackageDirs = None
+    radius: Annotated[
+        float | None, typer.Option(metavar="METRES", help="Of the ball around each point of a point cloud.")
+    ] = None
+
+    def workspace_options(self) -> dict[str, Any]:
+        """Return the options for the reader of a workspace, checked without the file.
+
+        Raises InputError if ``bounds`` is not a box or a number is out of range.
+        """
+        from cspace.check import check_positive
+
+        if self.spacing is not None:
+            check_positive(self.spacing, "spacing")
+        bounds = None if self.bounds is None else parse_box(self.bounds, "--bounds")
+        return drop_none(
+            spacing=self.spacing, unknown=self.unknown, bounds=bounds, solid=self.solid, radius=self.radius
+        )
+
+    def read_robot(self, text: str) -> Robot:
+        """Return the robot that ``--robot``, ``--robot-solid`` and ``--package-dir`` give.
+
+        Raises CspaceError as :func:`open_robot`.
+        """
+        with name_robot_options():
+            return open_robot(text, self.robot_solid, self.package_dirs)
 
 
-def read_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
-    """Return the robot that ``--robot``, ``--robot-solid`` and ``--package-dir`` give.
+def spread_inputs(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the fields of :class:`Inputs` as options, instead of its parameter ``inputs``."""
+    fields = list(inspect.signature(Inputs, eval_str=True).parameters.values())
+    parameters: list[inspect.Parameter] = []
+    for each in inspect.signature(command, eval_str=True).parameters.values():
+        parameters += fields if each.name == "inputs" else [each]
 
-    Raises CspaceError as :func:`open_robot`.
-    """
-    with name_robot_options():
-        return open_robot(text, solid, package_dirs)
+    @wraps(command)
+    def call(**options: Any) -> None:
+        inputs = Inputs(**{each.name: options.pop(each.name) for each in fields})
+        command(inputs=inputs, **options)
+
+    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {each.name: each.annotation for each in parameters}
+    return call
 
 
 def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
