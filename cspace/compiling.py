@@ -22,12 +22,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 LOGGER: Final = logging.getLogger("cspace.compiling")
 """Logger of the first compilation in each module, at INFO; programs that show progress add a handler."""
 
-COMPILED_PACKAGES: Final = ("cspace", "planners")
-"""Packages whose compiled functions are cached; the cache key covers their modules that a function's module imports."""
-
-_IMPORT: Final = re.compile(
-    rf"^\s*from ((?:{'|'.join(COMPILED_PACKAGES)})\b[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE
-)
+_IMPORT: Final = re.compile(r"^\s*from ((?:cspace|planners)\b[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE)
+"""Import of our modules. The cache key of a function covers all modules that its own imports in this way."""
 
 _OPTIONS: Final[Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 """Numba's options for every compiled function; numba types ``min``, ``range`` and such once for each set of options."""
@@ -48,12 +44,8 @@ class _Clock:
     Time limits are measured with this clock. Compilations may nest, but only within one thread.
     """
 
-    def __init__(self) -> None:
-        self._state: tuple[int, float, float] = (
-            0,
-            0.0,
-            0.0,
-        )  # nested stops, start of the outermost, seconds stopped so far
+    # Nested stops, start of the outermost, seconds stopped so far: one tuple, which other threads read at one moment.
+    _state = 0, 0.0, 0.0
 
     def __call__(self) -> float:
         """Return the time, excluding stops."""
@@ -164,14 +156,14 @@ def dispatch_on_type(function: Callable[..., Any], implementations: dict[type, C
         return implementations.get(kind)
 
 
-def bind_kernel(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
-    """Bind a kernel to its first arguments, followed by floats.
+def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[..., Any]:
+    """Bind a kernel to its first arguments.
 
-    Calls then skip numba's dispatch.
+    Calls skip numba's dispatch, so that all other arguments must have the types of ``others``.
     """
     import numba
 
-    types = (*map(numba.typeof, fixed), *[numba.float64] * floats)
+    types = tuple(map(numba.typeof, (*fixed, *others)))
     kernel.compile(types)
     return partial(kernel.get_overload(types), *fixed)
 
@@ -308,15 +300,15 @@ def is_private(folder: Path) -> bool:
         if grp.getgrgid(user.pw_gid).gr_name == user.pw_name:
             private_groups.add(user.pw_gid)
     folder = folder.resolve()
-    folders = [(path, path.stat()) for path in (folder, *folder.parents)]
-    unsafe = [path for path, status in folders[:1] if status.st_uid != os.geteuid()]
-    for path, status in folders:
+    for path in (folder, *folder.parents):
+        status = path.stat()
         others = stat.S_IWOTH if status.st_gid in private_groups else stat.S_IWOTH | stat.S_IWGRP
-        if status.st_mode & others and (path == folder or not status.st_mode & stat.S_ISVTX):
-            unsafe.append(path)
-    if unsafe:
-        LOGGER.info("compiled code is not cached in %s, because others may write to %s", folder, unsafe[0])
-    return not unsafe
+        owned = path != folder or status.st_uid == os.geteuid()
+        sticky = path != folder and status.st_mode & stat.S_ISVTX
+        if not owned or (status.st_mode & others and not sticky):
+            LOGGER.info("compiled code is not cached in %s, because others may write to %s", folder, path)
+            return False
+    return True
 
 
 @cache
@@ -327,14 +319,13 @@ def _announce_compiling() -> None:
     """
     from numba.core import event
 
-    class Announcer(event.Listener):
-        def __init__(self) -> None:
-            self.announced: set[str] = set()
+    announced = set[str]()
 
+    class Announcer(event.Listener):
         def on_start(self, event: Any) -> None:
             module = str(event.data["dispatcher"].py_func.__module__)
-            if module.split(".")[0] in COMPILED_PACKAGES and module not in self.announced:
-                self.announced.add(module)
+            if module.startswith(("cspace.", "planners.")) and module not in announced:
+                announced.add(module)
                 LOGGER.info("compiling %s, once per machine", module)
             clock.stop()
 

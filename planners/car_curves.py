@@ -68,7 +68,7 @@ def make_length_prover(space: CSpace, kind: int, radius: float) -> Callable[...,
     map_ = space._kernel_map
     # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
-    return bind_kernel(prove_length, (map_, kind, radius), 6)
+    return bind_kernel(prove_length, (map_, kind, radius), *[0.0] * 6)
 
 
 def make_curve_cost(
@@ -76,8 +76,8 @@ def make_curve_cost(
 ) -> Callable[..., float]:
     """Make ``cost(*q0, *q1)``, which calls :func:`curve_cost` on a map."""
     fixed = (space._kernel_map, field, density, (kind, radius))
-    query = bind_kernel(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
-    return lambda *endpoints: query(*fixed, endpoints)
+    query = bind_kernel(curve_cost, fixed, (0.0,) * 6)
+    return lambda *endpoints: query(endpoints)
 
 
 @jit

@@ -92,5 +92,5 @@ def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numb
 def make_edge_cost(space: CSpace, field: Field, density: CostDensity) -> Callable[..., float]:
     """Make ``cost(*q0, *q1)``, the cost of straight edges of a map."""
     fixed = (space._kernel_map, field, density)
-    query = bind_kernel(straight_edge_cost, (*fixed, (0.0,) * (2 * space.size)), 0).func  # type: ignore[attr-defined]
-    return lambda *endpoints: query(*fixed, endpoints)
+    query = bind_kernel(straight_edge_cost, fixed, (0.0,) * (2 * space.size))
+    return lambda *endpoints: query(endpoints)

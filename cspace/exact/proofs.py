@@ -265,16 +265,16 @@ class BoundaryProofs:
     @cached_property
     def edge(self) -> Callable[..., bool]:
         """Compiled ``edge(*q0, *q1)`` of :class:`Proofs`."""
-        size, inputs, local = self._size, self._inputs, threading.local()
+        size, local = self._size, threading.local()
         origin = (0.0,) * size
-        prove = bind_kernel(edge_state, (inputs, origin, origin, make_scratch()), 0).func  # type: ignore[attr-defined]
+        prove = bind_kernel(edge_state, (self._inputs,), origin, origin, make_scratch())
 
         def edge(*both: float) -> bool:
             try:
                 scratch = local.scratch
             except AttributeError:  # the first call of a thread
                 scratch = local.scratch = make_scratch()
-            state = prove(inputs, both[:size], both[size:], scratch)
+            state = prove(both[:size], both[size:], scratch)
             return state == FREE or (state == MIXED and not self._are_nested(np.array([both[:size]]))[0])
 
         return edge

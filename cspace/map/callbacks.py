@@ -25,12 +25,12 @@ def point_checker(map_: Map, size: int) -> Callable[..., bool]:
 
 def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
     """Return ``check(*q0, *q1)``, True if an edge is FREE."""
-    return bind_kernel(_compiled(_OF_TWO[size], nogil=True), (Edge(map_),), 2 * size)
+    return bind_kernel(_compiled(_OF_TWO[size], nogil=True), (Edge(map_),), *[0.0] * (2 * size))
 
 
 def callback(query: Any, size: int, nogil: bool = True) -> Callable[..., Any]:
     """Return ``evaluate`` of a record as ``call(*q)``."""
-    return bind_kernel(_compiled(_OF_ONE[size], nogil), (query,), size)
+    return bind_kernel(_compiled(_OF_ONE[size], nogil), (query,), *[0.0] * size)
 
 
 @compilable
