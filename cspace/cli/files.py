@@ -166,7 +166,7 @@ def connect_cluster(address: str | None) -> Iterator[Any]:
     except (OSError, ValueError, TimeoutError) as error:
         problem = f"is {address!r}, which does not answer ({error})"
         hint = "start one with: dask scheduler"
-        raise InputError("--scheduler", problem, "it must be a dask scheduler", hint, value=address) from error
+        raise InputError("scheduler", problem, "it must be a dask scheduler", hint, value=address) from error
     with client:
         yield client
 
@@ -184,5 +184,5 @@ def select_window(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> C
             raise InputError("MAP", "is a tiled map", "export needs it in memory", hint)
         return space.window(box[: len(box) // 2], box[len(box) // 2 :])
     if box is not None:
-        raise InputError("--window", "is given", "it is for tiled maps", "omit it", value=box)
+        raise InputError("window", "is given", "it is for tiled maps", "omit it", value=box)
     return space

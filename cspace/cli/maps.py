@@ -143,7 +143,7 @@ def make(
     else:
         if scheduler is not None:
             hint = "add e.g. --tile 4096"
-            raise InputError("--scheduler", "is given without --tile", "it builds tiles", hint, value=scheduler)
+            raise InputError("scheduler", "is given without --tile", "it builds tiles", hint, value=scheduler)
         with clock.step("build") as progress:
             settings["progress"] = progress
             space = made = build(obstacles, shape, **settings)
@@ -210,8 +210,8 @@ def picture(
     places = [axis for axis in axes if axis not in Rotations._all_names()]
     marks = read_marks(start, goal, axes, units)
     options = drop_none(
-        rotation=None if rotation is None else parse_rotation(rotation, "--rotation", axes),
-        center=None if center is None else parse_configuration(center, "--center", places, units[: len(places)]),
+        rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes),
+        center=None if center is None else parse_configuration(center, "center", places, units[: len(places)]),
         zoom=zoom,
         surface=surface,
         cut=cut,
@@ -261,10 +261,10 @@ def export(
     check_outputs([output], EXPORTS, overwrite)
     axes, _ = read_axes(file)
     check_export(output, len([axis for axis in axes if axis not in Rotations._all_names()]))
-    options = drop_none(rotation=None if rotation is None else parse_rotation(rotation, "--rotation", axes))
+    options = drop_none(rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes))
     clock = Clock()
     with clock.step("read"):
-        space = select_window(open_map(file), None if window is None else parse_box(window, "--window"))
+        space = select_window(open_map(file), None if window is None else parse_box(window, "window"))
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)

@@ -117,7 +117,7 @@ class Inputs:
 
         if self.spacing is not None:
             check_positive(self.spacing, "spacing")
-        bounds = None if self.bounds is None else parse_box(self.bounds, "--bounds")
+        bounds = None if self.bounds is None else parse_box(self.bounds, "bounds")
         return drop_none(
             spacing=self.spacing, unknown=self.unknown, bounds=bounds, solid=self.solid, radius=self.radius
         )
@@ -206,7 +206,7 @@ def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotat
     if robot is not None and robot.dim != dim:
         problem = f"is a {robot.name}, which has {robot.dim} dimensions, but the workspace {path} has {dim}"
         hint = "choose another robot" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
-        raise InputError("--robot", problem, "they must agree", hint, value=robot)
+        raise InputError("robot", problem, "they must agree", hint, value=robot)
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
@@ -223,14 +223,14 @@ def parse_rotation_cells(text: str | None) -> Rotations:
     if kind not in kinds or not count.isdecimal() or not int(count):
         hint = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
         rule = "it must be a count above zero, or a kind and a count"
-        raise InputError("--rotations", f"is {text!r}", rule, hint, value=text)
+        raise InputError("rotations", f"is {text!r}", rule, hint, value=text)
     return kinds[kind](int(count))
 
 
 def parse_configuration(
-    text: str, option: str, axes: Sequence[str], units: Sequence[str] | None = None
+    text: str, argument: str, axes: Sequence[str], units: Sequence[str] | None = None
 ) -> tuple[float, ...]:
-    """Parse the configuration in an option such as ``--start``.
+    """Parse the configuration in an argument such as ``start``.
 
     ``units`` has "m", "rad" or "1" for each axis, by default those of a rigid robot. Angles may be in degrees:
     ``90deg``. Raises InputError if the text does not have one number for each axis, separated by commas.
@@ -239,7 +239,7 @@ def parse_configuration(
     rule = f"the map's configurations are {','.join(axes)}, in {'metres' if 'm' in units else 'radians or degrees'}"
     if "m" in units:
         rule += "".join(f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad")
-    return _parse_rows(text, option, axes, units, rule, 1)[0]
+    return _parse_rows(text, argument, axes, units, rule, 1)[0]
 
 
 def read_marks(
@@ -247,7 +247,7 @@ def read_marks(
 ) -> dict[str, tuple[float, ...]]:
     """Parse ``--start`` and ``--goal``, if given; raise InputError like :func:`parse_configuration`."""
     ends = drop_none(start=start, goal=goal)
-    return {name: parse_configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
+    return {name: parse_configuration(text, name, axes, units) for name, text in ends.items()}
 
 
 def _axis_units(axes: Sequence[str]) -> list[str]:
@@ -268,22 +268,22 @@ def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
     return [known.get(axis, "90deg" if unit == "rad" else "0.2") for axis, unit in zip(axes, units, strict=True)]
 
 
-def parse_rotation(text: str, option: str, axes: Sequence[str]) -> Any:
-    """Parse one or several rotations in an option such as ``--rotation``.
+def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> Any:
+    """Parse one or several rotations in an argument such as ``rotation``.
 
     Raises InputError if the map has no rotations, or if the text is not one or several of them.
     """
     names = [axis for axis in axes if axis not in ("x", "y", "z")]
     if not names:
         hint = "omit it, or build the map with --rotations 72"
-        raise InputError(option, f"is {text!r}", "the map has no rotations", hint, value=text)
+        raise InputError(argument, f"is {text!r}", "the map has no rotations", hint, value=text)
     rule = f"it must be {','.join(names)}, or several of them"
-    rows = _parse_rows(text, option, names, _axis_units(names), rule, len(text))
+    rows = _parse_rows(text, argument, names, _axis_units(names), rule, len(text))
     return rows if len(rows) > 1 else rows[0]
 
 
 def _parse_rows(
-    text: str, option: str, axes: Sequence[str], units: Sequence[str], rule: str, max_rows: int
+    text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str, max_rows: int
 ) -> list[tuple[float, ...]]:
     """Parse numbers into at most ``max_rows`` rows, one number for each axis."""
     fields, n = text.split(","), len(axes)
@@ -293,17 +293,17 @@ def _parse_rows(
         numbers = []
         for k, field in enumerate(fields):
             is_angle = units[k % n] == "rad"
-            numbers.append(parse_angle(field, option, axes[k % n]) if is_angle else float(field))
+            numbers.append(parse_angle(field, argument, axes[k % n]) if is_angle else float(field))
     except InputError:
         raise
     except ValueError:
-        hint = f"write e.g. {option}={','.join(_example_values(axes, units))}"
-        raise InputError(option, f"is {text!r}", rule, hint, value=text) from None
+        hint = f"write e.g. {argument}={','.join(_example_values(axes, units))}"
+        raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
     return [tuple(numbers[k : k + n]) for k in range(0, len(fields), n)]
 
 
-def parse_box(text: str, option: str) -> tuple[float, ...]:
-    """Parse the lower and upper corner of a box, metres, e.g. ``--bounds``.
+def parse_box(text: str, argument: str) -> tuple[float, ...]:
+    """Parse the lower and upper corner of a box, metres, e.g. ``bounds``.
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
@@ -315,12 +315,12 @@ def parse_box(text: str, option: str) -> tuple[float, ...]:
             raise ValueError
     except ValueError:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
-        raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}=-1,-1,0,4,3,2.5", value=text) from None
+        raise InputError(argument, f"is {text!r}", rule, f"write e.g. {argument}=-1,-1,0,4,3,2.5", value=text) from None
     check_bounds(values, len(values) // 2)
     return values
 
 
-def parse_angle(text: str, option: str, name: str) -> float:
+def parse_angle(text: str, argument: str, name: str) -> float:
     """Parse an angle such as ``90deg`` or, in radians, ``1.57``.
 
     ``name`` is for messages. Raises InputError if the text is not an angle, or if it has no unit and exceeds 2 pi,
@@ -333,11 +333,11 @@ def parse_angle(text: str, option: str, name: str) -> float:
         value = float(number)
     except ValueError:
         rule = "it must be a number of degrees or radians"
-        raise InputError(option, problem, rule, "write e.g. 90deg or 1.57", value=text) from None
+        raise InputError(argument, problem, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"an angle without a unit is in radians, and {value:g} rad is more than a full turn"
         hint = f"write {number}deg for degrees, or {number}rad for radians"
-        raise InputError(option, problem, rule, hint, value=text)
+        raise InputError(argument, problem, rule, hint, value=text)
     return math.radians(value) if unit == "deg" else value
 
 

@@ -84,7 +84,7 @@ def plan(
     check_outputs([picture] if picture else [], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
     axes, units = read_axes(file)
-    endpoints = parse_configuration(start, "--start", axes, units), parse_configuration(goal, "--goal", axes, units)
+    endpoints = parse_configuration(start, "start", axes, units), parse_configuration(goal, "goal", axes, units)
     check_drive(axes, drive, turning_radius, exact)
     clock = Clock()
     with clock.step("read"):

@@ -222,7 +222,8 @@ def name_options(text: str, options: Options) -> str:
 
     def option(found: re.Match[str]) -> str:
         name, value = options[found["name"]], found["value"]
-        return name if value is None else f"{name} {value}"
+        # With an equals sign, a minus does not look like the beginning of an option.
+        return name if value is None else f"{name}{'=' if value.startswith('-') else ' '}{value}"
 
     text = text.replace("; Robot.parse takes ", ", or ")
     text = re.sub(r"Rotations\.(\w+)\((\d+)\)", r"\1:\2", text)

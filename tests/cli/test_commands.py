@@ -403,9 +403,9 @@ def test_plan_reads_degrees_and_reports_joint_units(joints: Path) -> None:
 @refusals(
     "file, start, message",
     ("turning", "90,0", "--start has the shoulder '90'; an angle without a unit is in radians"),
-    ("turning", "1", "configurations are shoulder,elbow, in radians or degrees; write e.g. --start=90deg,90deg"),
-    ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start=90deg,0.2"),
-    ("mixed", "0,20deg", "write e.g. --start=90deg,0.2"),
+    ("turning", "1", "configurations are shoulder,elbow, in radians or degrees; write e.g. --start 90deg,90deg"),
+    ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start 90deg,0.2"),
+    ("mixed", "0,20deg", "write e.g. --start 90deg,0.2"),
 )
 def test_plan_refuses_invalid_joint_values(joints: Path, file: str, start: str, message: str) -> None:
     result = run("plan", joints / f"{file}.zarr", f"--start={start}", "--goal=0,0")

@@ -43,19 +43,19 @@ def test_axes_of_a_map_are_read_without_its_cells(
     ],
 )
 def test_parse_configuration_reads_units(text: str, kind: str, expected: tuple[float, ...]) -> None:
-    assert parse_configuration(text, "--start", AXES_OF[kind]) == expected
+    assert parse_configuration(text, "start", AXES_OF[kind]) == expected
 
 
 @pytest.mark.parametrize("kind", AXES_OF)
 @pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b", "a,b,1", "", "1,2,3,4,5"])
 def test_invalid_configurations_are_refused_with_an_example(text: str, kind: str) -> None:
     with pytest.raises(InputError) as caught:
-        parse_configuration(text, "--start", AXES_OF[kind])
+        parse_configuration(text, "start", AXES_OF[kind])
     assert str(caught.value).startswith(
-        f"--start is {text!r}; the map's configurations are {','.join(AXES_OF[kind])}, in"
+        f"start is {text!r}; the map's configurations are {','.join(AXES_OF[kind])}, in"
     )
-    example = str(caught.value).rpartition("--start=")[2]
-    assert len(parse_configuration(example, "--start", AXES_OF[kind])) == len(AXES_OF[kind])
+    example = str(caught.value).rpartition("start=")[2]
+    assert len(parse_configuration(example, "start", AXES_OF[kind])) == len(AXES_OF[kind])
 
 
 @pytest.mark.parametrize(
@@ -66,36 +66,36 @@ def test_invalid_configurations_are_refused_with_an_example(text: str, kind: str
     ],
 )
 def test_angles_are_read_in_degrees_and_radians(text: str, radians: float) -> None:
-    assert parse_angle(text, "--yaw", "yaw") == pytest.approx(radians, abs=1e-15)
+    assert parse_angle(text, "yaw", "yaw") == pytest.approx(radians, abs=1e-15)
 
 
 @given(st.floats(-1e6, 1e6))
 def test_degrees_become_radians(value: float) -> None:
-    assert parse_angle(f"{value!r}deg", "--yaw", "yaw") == math.radians(value)
+    assert parse_angle(f"{value!r}deg", "yaw", "yaw") == math.radians(value)
 
 
 @refusals(
     "text, message",
     *[(text, rf"'{text}'.*write {text}deg for degrees") for text in ("90", "-180", "6.3", "360")],
     *[
-        (text, rf"--yaw has the yaw '{text}'.* write e\.g\. 90deg or 1\.57")
+        (text, rf"yaw has the yaw '{text}'.* write e\.g\. 90deg or 1\.57")
         for text in ("", "deg", "north", "90°", "1.57 deg deg", "90 degrees", "pi")
     ],
 )
 def test_angles_without_a_unit_and_other_texts_are_refused(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        parse_angle(text, "--yaw", "yaw")
+        parse_angle(text, "yaw", "yaw")
 
 
 def test_parse_box_reads_corners() -> None:
-    assert parse_box("-1,0, 2,3", "--bounds") == (-1.0, 0.0, 2.0, 3.0)
-    assert parse_box("-1,0,0,2,3,1e1", "--bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
+    assert parse_box("-1,0, 2,3", "bounds") == (-1.0, 0.0, 2.0, 3.0)
+    assert parse_box("-1,0,0,2,3,1e1", "bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
 
 
 @pytest.mark.parametrize("text", ["here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"])
 def test_parse_box_refuses_other_texts(text: str) -> None:
     with pytest.raises(InputError, match="bounds"):
-        parse_box(text, "--bounds")
+        parse_box(text, "bounds")
 
 
 @pytest.mark.parametrize(
