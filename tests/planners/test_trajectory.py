@@ -454,6 +454,8 @@ def test_rows_are_at_most_a_time_step_apart() -> None:
     trajectory = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS, time_step=0.02)
     gaps = np.diff(trajectory.times)
     assert trajectory.times[0] == 0.0 and gaps.min() > 0.0 and gaps.max() <= 0.02 * (1.0 + 1e-9)
+    for t in (-1.0, trajectory.duration + 1.0):  # it rests before and after
+        assert not any(each.any() for each in trajectory.sample(t)[1:])
     for rows, sampled in zip(
         (trajectory.positions, trajectory.velocities, trajectory.accelerations),
         trajectory.sample(trajectory.times),
