@@ -19,7 +19,7 @@ from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.rotations import Rotations
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
-from planners.trajectory import Trajectory, make_trajectory, write_csv
+from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -440,8 +440,11 @@ class Plan:
         """
         self._check_solved("a trajectory follows a path")
         rotation = {"max_angular_velocity": max_angular_velocity, "max_angular_acceleration": max_angular_acceleration}
+        path = DrivenPath(
+            self.space, self.waypoints, self.axes, self.units, self._moves_joints, self.drive, self.turning_radius
+        )
         return make_trajectory(
-            self, max_velocity, max_acceleration, rotation, max_lateral_acceleration, duration, time_step
+            path, max_velocity, max_acceleration, rotation, max_lateral_acceleration, duration, time_step
         )
 
     @property

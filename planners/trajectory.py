@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.check import check_finite, check_positive
+from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.rotations import Rotations
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
     from cspace.export.messages import Message
     from cspace.files.ros import JointTrajectory, Path
-    from planners.result import Plan
 
 Limits = ArrayLike | Mapping[str, float] | None
 """A limit: one number, or one for each axis."""
@@ -245,8 +245,33 @@ def write_csv(
         writer.writerows(rows)
 
 
+class DrivenPath(NamedTuple):
+    """A path to be given times, and how the robot moves along it.
+
+    Attributes
+    ----------
+    space : CSpace or ArmSpace
+    waypoints : ndarray of float64, shape (n, size)
+    axes, units : tuple of str
+        Names and units of the coordinates.
+    moves_joints : bool
+        Whether configurations are joint positions, not poses.
+    drive : str
+    turning_radius : float or None
+        As for :func:`planners.plan`.
+    """
+
+    space: ConfigurationSpace | None
+    waypoints: Floats
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    moves_joints: bool
+    drive: str
+    turning_radius: float | None
+
+
 def make_trajectory(
-    plan: Plan,
+    path: DrivenPath,
     velocity: Limits,
     acceleration: Limits,
     rotation: Mapping[str, float | None],
@@ -254,16 +279,16 @@ def make_trajectory(
     duration: float | None,
     time_step: float,
 ) -> Trajectory:
-    """Make the fastest trajectory of a plan; see :meth:`planners.Plan.trajectory`.
+    """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`.
 
     ``rotation`` holds the limits of angular velocity and angular acceleration, by name.
     """
-    joints, is_curved, axes = plan._moves_joints, plan.drive in CURVES, plan.axes
+    joints, is_curved, axes = path.moves_joints, path.drive in CURVES, path.axes
     rotations = Rotations.of(None)
     if not joints and {"yaw", "qw"} & set(axes):
         rotations = Rotations.quaternions(1) if "qw" in axes else Rotations.of(1)
     dim, rotates = len(axes) - len(rotations.names), bool(rotations.names)
-    arm = plan.space.arm if isinstance(plan.space, ArmSpace) else None
+    arm = path.space.arm if isinstance(path.space, ArmSpace) else None
     known = {} if arm is None else dict(zip(arm.joints, arm.max_velocity.tolist(), strict=True))
     linear = (
         _check_limits(velocity, "max_velocity", axes[:dim], known, joints),
@@ -274,7 +299,7 @@ def make_trajectory(
     for name, limit in zip(("max_velocity", "max_acceleration"), linear, strict=True):
         if is_curved and limit.ndim:
             raise InputError(name, "differs by axis", "a car turns", "pass one number", value=limit)
-    segments = _split_curves(plan) if is_curved else _split_edges(plan, rotations)
+    segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
     speeds = _largest_rates(segments.rates, dim, linear[0], angular[0])
     accelerations = _largest_rates(segments.rates, dim, linear[1], angular[1])
     if is_curved:
@@ -291,7 +316,7 @@ def make_trajectory(
     rows = (times, *_evaluate(segments, phases, rotations, times))
     times, positions, velocities, accelerations = map(frozen, rows)
     private = joints, rotations, segments, phases
-    return Trajectory(times, positions, velocities, accelerations, axes, plan.units, *private)
+    return Trajectory(times, positions, velocities, accelerations, axes, path.units, *private)
 
 
 def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool) -> Floats:
@@ -322,9 +347,9 @@ def _check_option(value: float | None, name: str, is_allowed: bool, is_needed: b
     return None if value is None else check_positive(value, name, "metres, radians, seconds")
 
 
-def _split_edges(plan: Plan, rotations: Rotations) -> Segments:
-    """Return the straight edges of a plan."""
-    starts = plan.waypoints.copy()
+def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
+    """Return the straight edges of a path, shape (n, size)."""
+    starts = waypoints.copy()
     if "qw" in rotations.names:
         # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
         cosines = (starts[:-1, -4:] * starts[1:, -4:]).sum(axis=1)
@@ -333,15 +358,15 @@ def _split_edges(plan: Plan, rotations: Rotations) -> Segments:
     return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
 
 
-def _split_curves(plan: Plan) -> Segments:
-    """Return the arcs and straights of a car's plan."""
-    curves = CarCurves(cast("Any", plan.space), False, plan.drive, plan.turning_radius)
+def _split_curves(path: DrivenPath) -> Segments:
+    """Return the arcs and straights of a car's path."""
+    curves = CarCurves(cast("Any", path.space), False, path.drive, path.turning_radius)
     empty = np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int8)
-    pieces = [empty] + [curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(plan.waypoints)]
+    pieces = [empty] + [curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)]
     starts, lengths, radians, signs = (np.concatenate(column) for column in zip(*pieces, strict=True))
     metres = signs * lengths
     steps = np.column_stack([metres * np.cos(starts[:, 2]), metres * np.sin(starts[:, 2]), radians])
-    return _make_segments(np.concatenate([starts, plan.waypoints[-1:]]), steps, lengths, radians)
+    return _make_segments(np.concatenate([starts, path.waypoints[-1:]]), steps, lengths, radians)
 
 
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
