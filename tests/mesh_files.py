@@ -7,10 +7,10 @@ import trimesh
 from cspace import FileError, GeometryError
 from cspace.files.meshes import read_mesh
 
-CORNERS = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0, 4), (4, 4, 4), (0, 4, 4)], float)
-QUADS = np.array([(4, 3, 2, 1), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]) - 1
-BOX = trimesh.Trimesh(CORNERS, np.concatenate([QUADS[:, :3], QUADS[:, [0, 2, 3]]]), process=False)
-FAR = np.array([10.0, 0.0, 0.0])
+BOX_CORNERS = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0, 4), (4, 4, 4), (0, 4, 4)], float)
+BOX_QUADS = np.array([(4, 3, 2, 1), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]) - 1
+BOX_MESH = trimesh.Trimesh(BOX_CORNERS, np.concatenate([BOX_QUADS[:, :3], BOX_QUADS[:, [0, 2, 3]]]), process=False)
+BOX_SHIFT = np.array([10.0, 0.0, 0.0])
 TETRAHEDRON = np.eye(4, 3, -1), np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
 """Vertices and faces."""
 
@@ -35,9 +35,9 @@ def lines(keyword, rows, ending="\n"):
     return "".join(f"{keyword} {' '.join(map(str, row))}{ending}" for row in rows)
 
 
-VERTICES = lines("v", CORNERS)
-FACES = lines("f", QUADS + 1)
-SECOND = lines("v", CORNERS + FAR) + lines("f", QUADS + 9)
+VERTICES = lines("v", BOX_CORNERS)
+FACES = lines("f", BOX_QUADS + 1)
+SECOND = lines("v", BOX_CORNERS + BOX_SHIFT) + lines("f", BOX_QUADS + 9)
 
 
 def read(tmp_path, name, content):
@@ -52,7 +52,7 @@ def check_boxes(mesh, count=1):
     assert len(mesh.faces) == 12 * count
     assert mesh.volume == pytest.approx(64.0 * count)
     assert mesh.area == pytest.approx(96.0 * count)
-    assert np.allclose(mesh.bounds, [[0, 0, 0], CORNERS[6] + FAR * (count - 1)])
+    assert np.allclose(mesh.bounds, [[0, 0, 0], BOX_CORNERS[6] + BOX_SHIFT * (count - 1)])
 
 
 def check_refused(tmp_path, name, content, message, error=(FileError, GeometryError)):

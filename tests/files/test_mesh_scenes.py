@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from cspace.files.meshes import read_mesh
-from tests.mesh_files import BOX, CORNERS, FAR, QUADS, check_boxes, check_refused, read
+from tests.mesh_files import BOX_CORNERS, BOX_MESH, BOX_QUADS, BOX_SHIFT, check_boxes, check_refused, read
 from tests.refusals import refusals
 
 # glTF
@@ -29,8 +29,8 @@ def write_gltf(edit=lambda header, add: None, glb=True):
         blob.extend(array.tobytes())
         return len(views) - 1
 
-    corners = BOX.faces.astype("<u2").reshape(-1)
-    add(CORNERS.astype("<f4"))
+    corners = BOX_MESH.faces.astype("<u2").reshape(-1)
+    add(BOX_CORNERS.astype("<f4"))
     add(corners)
     header = {
         "asset": {"version": "2.0"},
@@ -75,7 +75,7 @@ def test_a_gltf_box_is_read(tmp_path, name, glb):
 
 def substitute(header, add):
     moved = np.array([1, 2, 5, 6])
-    where, values = add(moved.astype("<u2")), add((CORNERS[moved] * [2, 1, 1]).astype("<f4"))
+    where, values = add(moved.astype("<u2")), add((BOX_CORNERS[moved] * [2, 1, 1]).astype("<f4"))
     header["accessors"][0]["sparse"] = {
         "count": 4,
         "indices": {"bufferView": where, "componentType": 5123},
@@ -84,13 +84,13 @@ def substitute(header, add):
 
 
 def quantise(header, add):
-    view = add((CORNERS * 31).astype("<i2"))
+    view = add((BOX_CORNERS * 31).astype("<i2"))
     header["accessors"][0].update(bufferView=view, componentType=5122, normalized=True)
 
 
 def test_nodes_of_gltf_place_meshes(tmp_path):
     matrix = np.eye(4)
-    matrix[:3, 3] = FAR
+    matrix[:3, 3] = BOX_SHIFT
 
     def edit(header, add):
         half = np.sqrt(0.5)
@@ -106,8 +106,8 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
 
     mesh = read(tmp_path, "nodes.glb", write_gltf(edit))
     assert len(mesh.faces) == 36
-    turned = (CORNERS * [-1, 1, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [0, 0, 50]
-    positions = [CORNERS, CORNERS + FAR + [0, 5, 0], turned]
+    turned = (BOX_CORNERS * [-1, 1, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [0, 0, 50]
+    positions = [BOX_CORNERS, BOX_CORNERS + BOX_SHIFT + [0, 5, 0], turned]
     expected = np.concatenate(positions) * [2, 1, 1]
     assert np.allclose(np.unique(mesh.vertices.round(4), axis=0), np.unique(expected.round(4), axis=0))
     assert mesh.volume == pytest.approx(2 * 64 * (1 + 1 + 3))
@@ -162,12 +162,13 @@ def test_unsupported_features_of_gltf_are_refused(tmp_path, edit, message):
 
 def make_collada(primitives=None, nodes='<instance_geometry url="#box"/>', unit="", body=""):
     """Return a COLLADA file of a box."""
-    quads = " ".join(f"{corner} 0" for corner in QUADS.reshape(-1))
+    quads = " ".join(f"{corner} 0" for corner in BOX_QUADS.reshape(-1))
     primitives = primitives or make_polylist(6, "4 " * 6, quads)
+    numbers = " ".join(map(str, BOX_CORNERS.reshape(-1)))
     return f"""<?xml version="1.0"?>
     <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{unit}</asset>
     <library_geometries><geometry id="box"><mesh>
-      <source id="numbers"><float_array id="array" count="24">{" ".join(map(str, CORNERS.reshape(-1)))}</float_array>
+      <source id="numbers"><float_array id="array" count="24">{numbers}</float_array>
         <technique_common><accessor source="#array" count="8" stride="3">
           <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
         </accessor></technique_common></source>
@@ -194,10 +195,10 @@ def runs(kind, count, lists):
     "primitives",
     [
         None,
-        runs("triangles", 12, [BOX.faces.reshape(-1)]),
-        runs("polygons", 6, QUADS),
-        runs("triangles", 6, [BOX.faces[:6].reshape(-1)]) + runs("polygons", 6, BOX.faces[6:]),
-        runs("lines", 1, [[0, 1]]) + runs("polygons", 6, QUADS),
+        runs("triangles", 12, [BOX_MESH.faces.reshape(-1)]),
+        runs("polygons", 6, BOX_QUADS),
+        runs("triangles", 6, [BOX_MESH.faces[:6].reshape(-1)]) + runs("polygons", 6, BOX_MESH.faces[6:]),
+        runs("lines", 1, [[0, 1]]) + runs("polygons", 6, BOX_QUADS),
     ],
 )
 def test_every_surface_of_collada_is_read(tmp_path, primitives):
@@ -205,17 +206,17 @@ def test_every_surface_of_collada_is_read(tmp_path, primitives):
 
 
 def test_collada_indices_may_alternate_with_others(tmp_path):
-    table = np.insert(np.insert(CORNERS, 1, 99, axis=1), 4, 98, axis=1).reshape(-1)
+    table = np.insert(np.insert(BOX_CORNERS, 1, 99, axis=1), 4, 98, axis=1).reshape(-1)
     text = (
-        make_collada(runs("polygons", 6, QUADS))
+        make_collada(runs("polygons", 6, BOX_QUADS))
         .replace('count="24"', 'count="42"')
         .replace('stride="3"', 'offset="2" stride="5"')
     )
-    text = text.replace(" ".join(map(str, CORNERS.reshape(-1))), " ".join(map(str, [97, 97, *table])))
+    text = text.replace(" ".join(map(str, BOX_CORNERS.reshape(-1))), " ".join(map(str, [97, 97, *table])))
     text = text.replace('<param name="Y"', '<param type="float"/><param name="Y"')
     check_boxes(read(tmp_path, "box.dae", text))
     swapped = INPUTS.replace('offset="0"', 'offset="2"').replace('offset="1"', 'offset="0"')
-    corners = " ".join(f"0 0 {corner}" for corner in QUADS.reshape(-1))
+    corners = " ".join(f"0 0 {corner}" for corner in BOX_QUADS.reshape(-1))
     faces = f'<polylist count="6">{swapped}<vcount>{"4 " * 6}</vcount><p>{corners}</p></polylist>'
     check_boxes(read(tmp_path, "box.dae", make_collada(faces)))
 
@@ -236,7 +237,7 @@ def test_nodes_of_collada_place_meshes(tmp_path):
     def moved(points):
         return 0.5 * ((points * [-1, 2, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 0, 0])
 
-    expected = [moved(CORNERS + np.array([0, 0, up])) for up in (0, 1, 10)]
+    expected = [moved(BOX_CORNERS + np.array([0, 0, up])) for up in (0, 1, 10)]
     assert np.allclose(mesh.vertices, np.concatenate(expected))
     assert mesh.volume == pytest.approx(3 * 64 * 6 / 8)
 
@@ -262,18 +263,18 @@ def test_collada_agrees_with_another_reader(tmp_path):
     (make_collada(unit='<unit meter="0"/>'), "unit"),
     (make_collada(body='<geometry id="box"><mesh/></geometry>'), "#box.*repeated"),
     (make_collada(body='<source id="numbers"/>'), "#numbers.*repeated"),
-    (make_collada(runs("trifans", 6, QUADS)), "trifans"),
-    (make_collada(runs("tristrips", 6, QUADS[:, [0, 1, 3, 2]])), "tristrips"),
+    (make_collada(runs("trifans", 6, BOX_QUADS)), "trifans"),
+    (make_collada(runs("tristrips", 6, BOX_QUADS[:, [0, 1, 3, 2]])), "tristrips"),
     (make_collada(runs("polygons", 1, [[0, 1]])), "2 corners"),
     ('<!DOCTYPE a [<!ENTITY b "c">]>' + make_collada().partition("?>")[2].strip(), "entity"),
     ("<COLLADA>" + "<a>" * 300 + "</a>" * 300 + "</COLLADA>", "nested elements"),
-    (make_collada(runs("triangles", 11, [BOX.faces.reshape(-1)])), "declares 11"),
-    (make_collada(runs("polygons", 7, QUADS)), "declares 7"),
+    (make_collada(runs("triangles", 11, [BOX_MESH.faces.reshape(-1)])), "declares 11"),
+    (make_collada(runs("polygons", 7, BOX_QUADS)), "declares 7"),
     (make_collada(make_polylist(6, "4 " * 5, "0 0 " * 24)), "declares 6"),
     (make_collada(make_polylist(6, "4 " * 6, "0 0 " * 23)), "24 corners"),
     (make_collada(runs("triangles", 1, [[0, 1, 8]])), "vertex 8"),
     (make_collada(f'<polygons count="1">{INPUTS}<ph><p>0 0 1 0 2 0</p><h>0 0 1 0 2 0</h></ph></polygons>'), "holes"),
-    (make_collada(runs("surface", 6, QUADS)), "surface"),
+    (make_collada(runs("surface", 6, BOX_QUADS)), "surface"),
     (
         make_collada(nodes='<instance_geometry url="#curved"/>', body='<geometry id="curved"><spline/></geometry>'),
         "spline",

@@ -12,15 +12,27 @@ from hypothesis import strategies as st
 from cspace import FileError, GeometryError, InputError
 from cspace.files.meshes import read_mesh
 from cspace.files.polygons import triangulate
-from tests.mesh_files import BOX, CORNERS, FACES, FAR, QUADS, SECOND, VERTICES, check_boxes, check_refused, lines, read
+from tests.mesh_files import (
+    BOX_CORNERS,
+    BOX_MESH,
+    BOX_QUADS,
+    BOX_SHIFT,
+    FACES,
+    SECOND,
+    VERTICES,
+    check_boxes,
+    check_refused,
+    lines,
+    read,
+)
 from tests.refusals import refusals
 
 # OBJ
 
 
-@pytest.mark.parametrize("second", [QUADS - 8, QUADS + 9], ids=["relative", "absolute"])
+@pytest.mark.parametrize("second", [BOX_QUADS - 8, BOX_QUADS + 9], ids=["relative", "absolute"])
 def test_negative_corners_of_obj_count_back(tmp_path, second):
-    text = f"o a\n{VERTICES}{lines('f', QUADS - 8)}o b\n{lines('v', CORNERS + FAR)}{lines('f', second)}"
+    text = f"o a\n{VERTICES}{lines('f', BOX_QUADS - 8)}o b\n{lines('v', BOX_CORNERS + BOX_SHIFT)}{lines('f', second)}"
     check_boxes(read(tmp_path, "two.obj", text), 2)
 
 
@@ -54,7 +66,7 @@ def test_obj_may_begin_with_a_byte_order_mark(tmp_path):
 
 @pytest.mark.parametrize("corner", ["{0}", "{0}/1", "{0}//1", "{0}/1/1"])
 def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
-    faces = lines("f", [[corner.format(number) for number in quad] for quad in QUADS + 1])
+    faces = lines("f", [[corner.format(number) for number in quad] for quad in BOX_QUADS + 1])
     check_boxes(read(tmp_path, "slashes.obj", f"{VERTICES}vt 0 0\nvn 0 0 1\n{faces}"))
 
 
@@ -135,7 +147,7 @@ def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
     assert measure_area(line, [4]) == 0.0
     assert measure_area([(1, 1, 1)] * 4, [4]) == 0.0
     for scale in (1e-160, 1e90):
-        face = triangulate(CORNERS * scale, QUADS.reshape(-1), np.full(6, 4))
+        face = triangulate(BOX_CORNERS * scale, BOX_QUADS.reshape(-1), np.full(6, 4))
         assert face.shape == (12, 3)
     with pytest.raises(InputError, match="is nan; it must be finite"):
         read(tmp_path, "nan.obj", "v 0 0 nan\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
@@ -145,13 +157,13 @@ def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
 
 
 def make_binary_stl(count=12, shift=0.0):
-    raw = bytearray(trimesh.Trimesh(CORNERS + shift, BOX.faces, process=False).export(file_type="stl"))
+    raw = bytearray(trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(file_type="stl"))
     raw[80:84] = struct.pack("<I", count)
     return bytes(raw)
 
 
 def make_text_stl(shift=0.0, name=""):
-    text = trimesh.Trimesh(CORNERS + shift, BOX.faces, process=False).export(file_type="stl_ascii")
+    text = trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(file_type="stl_ascii")
     return text.replace("solid ", f"solid {name}", 1)
 
 
@@ -168,7 +180,7 @@ def make_text_stl(shift=0.0, name=""):
     ],
 )
 def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
-    check_boxes(read(tmp_path, "two.stl", write(make_text_stl()) + "\n" + write(make_text_stl(FAR))), 2)
+    check_boxes(read(tmp_path, "two.stl", write(make_text_stl()) + "\n" + write(make_text_stl(BOX_SHIFT))), 2)
 
 
 @refusals(
@@ -177,23 +189,23 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
     (make_binary_stl(13), "declares 13 triangles but has bytes for 12"),
     (make_binary_stl()[:60], "truncated"),
     (b"solid " + make_binary_stl(6)[6:], "solid"),
-    (make_text_stl() + make_text_stl(FAR).replace("endsolid", ""), "endsolid"),
-    (make_text_stl() + make_text_stl(FAR).replace("endsolid", "endsol"), "endsolid"),
-    (make_text_stl().replace("endsolid", "") + make_text_stl(FAR), "endsolid"),
-    (make_text_stl() + make_text_stl(FAR).partition("facet")[2], "endsolid"),
+    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("endsolid", ""), "endsolid"),
+    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("endsolid", "endsol"), "endsolid"),
+    (make_text_stl().replace("endsolid", "") + make_text_stl(BOX_SHIFT), "endsolid"),
+    (make_text_stl() + make_text_stl(BOX_SHIFT).partition("facet")[2], "endsolid"),
     (
         make_text_stl()
-        + make_text_stl(FAR).replace(
+        + make_text_stl(BOX_SHIFT).replace(
             "solid", "solid " + make_text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " ")
         ),
         "own",
     ),
-    (make_text_stl() + make_text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
-    (make_text_stl() + make_text_stl(FAR).replace("endfacet\n", "", 1), "words"),
+    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("vertex", "vertix", 1), "whole ones"),
+    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("endfacet\n", "", 1), "words"),
     (make_text_stl().replace(".0 ", ".0, "), "malformed"),
     (b" 4\xff0".join(make_text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
     (make_text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
-    (make_text_stl() + make_text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
+    (make_text_stl() + make_text_stl(BOX_SHIFT).partition("facet")[2].partition("endsolid")[0], "endsolid"),
 )
 def test_inconsistent_stl_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.stl", content, message, FileError)
@@ -202,20 +214,20 @@ def test_inconsistent_stl_files_are_refused(tmp_path, content, message):
 # OFF
 
 
-POINTS = "".join(f"{x} {y} {z}\n" for x, y, z in CORNERS)
-SIDES = "".join(f"4 {' '.join(map(str, quad))}\n" for quad in QUADS)
+POINT_ROWS = "".join(f"{x} {y} {z}\n" for x, y, z in BOX_CORNERS)
+QUAD_ROWS = "".join(f"4 {' '.join(map(str, quad))}\n" for quad in BOX_QUADS)
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        f"OFF\n8 6 0\n{POINTS}{SIDES}",
-        f"OFF 8 6 0\n{POINTS}{SIDES}",
-        f"# one\nOFF # two\n\n8 6\n{POINTS}\n# 4 0 1 2 3\n{SIDES}",
-        f"COFF\n8 6 12\n{POINTS.replace(chr(10), ' 255 0 0 255' + chr(10))}{SIDES}",
-        f"STCNOFF\n8 6 12\n{POINTS.replace(chr(10), ' 0 0 1 255 0 0 255 0 0' + chr(10))}{SIDES}",
-        f"OFF\n8 6 0\n{POINTS}{SIDES.replace(chr(10), ' 255 0 0' + chr(10))}",
-        f"OFF\r\n8 7 0\r\n{POINTS}{SIDES.replace('4 3 2 1 0', '3 3 2 1 0.5 0.5 0.5' + chr(10) + '3 3 1 0 7')}",
+        f"OFF\n8 6 0\n{POINT_ROWS}{QUAD_ROWS}",
+        f"OFF 8 6 0\n{POINT_ROWS}{QUAD_ROWS}",
+        f"# one\nOFF # two\n\n8 6\n{POINT_ROWS}\n# 4 0 1 2 3\n{QUAD_ROWS}",
+        f"COFF\n8 6 12\n{POINT_ROWS.replace(chr(10), ' 255 0 0 255' + chr(10))}{QUAD_ROWS}",
+        f"STCNOFF\n8 6 12\n{POINT_ROWS.replace(chr(10), ' 0 0 1 255 0 0 255 0 0' + chr(10))}{QUAD_ROWS}",
+        f"OFF\n8 6 0\n{POINT_ROWS}{QUAD_ROWS.replace(chr(10), ' 255 0 0' + chr(10))}",
+        f"OFF\r\n8 7 0\r\n{POINT_ROWS}{QUAD_ROWS.replace('4 3 2 1 0', '3 3 2 1 0.5 0.5 0.5' + chr(10) + '3 3 1 0 7')}",
     ],
 )
 def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
@@ -224,16 +236,16 @@ def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
 
 @refusals(
     "text, message",
-    (f"OFF\n8 5 0\n{POINTS}{SIDES}", "14 lines"),
-    (f"OFF\n8 7 0\n{POINTS}{SIDES}", "14 lines"),
-    (f"OFF\n8 6 0\n{POINTS}{SIDES[:-3]}", "fewer corners"),
-    (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '2 3', 1)}", "2 corners"),
-    (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 8', 1)}", "vertex 8"),
-    (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 -1', 1)}", "vertex -1"),
-    (f"OFF\n8 6 0\n{POINTS.replace('4.0 4.0 4.0', '4.0 4.0')}{SIDES}", "unequal length"),
-    (f"4OFF\n8 6 0\n{POINTS.replace(chr(10), ' 2' + chr(10))}{SIDES}", "4OFF"),
-    (f"OFF BINARY\n8 6 0\n{POINTS}{SIDES}", "binary"),
-    (f"8 6 0\n{POINTS}{SIDES}", "begin with OFF"),
+    (f"OFF\n8 5 0\n{POINT_ROWS}{QUAD_ROWS}", "14 lines"),
+    (f"OFF\n8 7 0\n{POINT_ROWS}{QUAD_ROWS}", "14 lines"),
+    (f"OFF\n8 6 0\n{POINT_ROWS}{QUAD_ROWS[:-3]}", "fewer corners"),
+    (f"OFF\n8 6 0\n{POINT_ROWS}{QUAD_ROWS.replace('4 3', '2 3', 1)}", "2 corners"),
+    (f"OFF\n8 6 0\n{POINT_ROWS}{QUAD_ROWS.replace('4 3', '4 8', 1)}", "vertex 8"),
+    (f"OFF\n8 6 0\n{POINT_ROWS}{QUAD_ROWS.replace('4 3', '4 -1', 1)}", "vertex -1"),
+    (f"OFF\n8 6 0\n{POINT_ROWS.replace('4.0 4.0 4.0', '4.0 4.0')}{QUAD_ROWS}", "unequal length"),
+    (f"4OFF\n8 6 0\n{POINT_ROWS.replace(chr(10), ' 2' + chr(10))}{QUAD_ROWS}", "4OFF"),
+    (f"OFF BINARY\n8 6 0\n{POINT_ROWS}{QUAD_ROWS}", "binary"),
+    (f"8 6 0\n{POINT_ROWS}{QUAD_ROWS}", "begin with OFF"),
 )
 def test_inconsistent_off_files_are_refused(tmp_path, text, message):
     check_refused(tmp_path, "odd.off", text, message)

@@ -4,23 +4,25 @@ import numpy as np
 import pytest
 
 from cspace import GeometryError
-from tests.mesh_files import BOX, CORNERS, QUADS, check_boxes, check_refused, read
+from tests.mesh_files import BOX_CORNERS, BOX_MESH, BOX_QUADS, check_boxes, check_refused, read
 from tests.refusals import refusals
 
 # PLY
 
 
-def make_ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""):
+def make_ply(
+    order, faces=BOX_QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""
+):
     """Return a PLY file of a box.
 
     `before` and `after` are one-byte properties around the lists of corners.
     """
     codes = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4", "ushort": "u2", "uint8": "u1", "uint32": "u4"}
-    head = f"ply\nformat {order} 1.0\ncomment made by hand\nelement vertex {len(CORNERS)}\n"
+    head = f"ply\nformat {order} 1.0\ncomment made by hand\nelement vertex {len(BOX_CORNERS)}\n"
     head += "".join(f"property {types[0]} {axis}\n" for axis in "xyz")
     head += f"element face {len(faces)}\n"
     head += f"{before}property list {types[1]} {types[2]} {name}\n{after}"
-    rows = [(types[0], list(point)) for point in CORNERS]
+    rows = [(types[0], list(point)) for point in BOX_CORNERS]
     for face in faces:
         rows += [("uchar", [7])] if before else []
         rows += [(types[1], [len(face)]), (types[2], list(face))]
@@ -36,13 +38,15 @@ def make_ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", aft
     return f"{head}end_header\n".encode() + body + tail
 
 
-MIXED = [QUADS[0, :3], QUADS[0, [0, 2, 3]], *QUADS[1:]]
+MIXED = [BOX_QUADS[0, :3], BOX_QUADS[0, [0, 2, 3]], *BOX_QUADS[1:]]
 ORDERS = ["ascii", "binary_little_endian", "binary_big_endian"]
 RED = "property uchar red\n"
 
 
 @pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("faces", [QUADS, MIXED, MIXED[::-1], BOX.faces], ids=["quads", "mixed", "turned", "triangles"])
+@pytest.mark.parametrize(
+    "faces", [BOX_QUADS, MIXED, MIXED[::-1], BOX_MESH.faces], ids=["quads", "mixed", "turned", "triangles"]
+)
 @pytest.mark.parametrize("types", [("float", "uchar", "int"), ("double", "ushort", "uint32")], ids=str)
 @pytest.mark.parametrize(("before", "after"), [("", ""), (RED, ""), ("", RED)], ids=["plain", "before", "after"])
 def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, types, before, after):
@@ -56,7 +60,7 @@ def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, t
 @pytest.mark.parametrize("order", ORDERS)
 def test_faces_of_ply_may_have_other_properties_besides(tmp_path, order):
     texture = b"property list uchar uchar texcoord\n"
-    data = make_ply(order, QUADS, before="property uchar red\n", after="property uchar blue\n", name="vertex_index")
+    data = make_ply(order, BOX_QUADS, before="property uchar red\n", after="property uchar blue\n", name="vertex_index")
     check_boxes(read(tmp_path, "box.ply", data))
     check_refused(tmp_path, "box.ply", data.replace(b"property uchar blue\n", texture), "truncated")
 
@@ -89,7 +93,7 @@ def test_inconsistent_ply_files_are_refused(tmp_path, content, message):
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("part", [0.97, 0.999])
-@pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["quads", "mixed"])
+@pytest.mark.parametrize("faces", [BOX_QUADS, MIXED], ids=["quads", "mixed"])
 def test_truncated_ply_files_are_refused(tmp_path, order, part, faces):
     data = make_ply(order, faces)
     check_refused(tmp_path, "cut.ply", data[: int(part * len(data)) - 1], "truncated")
