@@ -111,7 +111,7 @@ def prove_length(
         if not around_is_free(map_, end, spare * radius, spare):
             return -1.0
     for row in range(count):
-        if not _word_is_free(map_, radius, q0, steering[row], lengths[row], spare):
+        if not word_is_free(map_, radius, q0, steering[row], lengths[row], spare):
             return -1.0
     return radius * shortest
 
@@ -140,7 +140,7 @@ def curve_cost(
 
 
 @kernel
-def _word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float) -> bool:
+def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float) -> bool:
     """Return True if every configuration within ``spare`` of a word, except its ends, lies in FREE cells.
 
     A piece of length l lies within l / 2 of its center and turns by at most l / (2 radius) from there, so a box of that
