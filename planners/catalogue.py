@@ -18,10 +18,13 @@ GRID: Final = "Grid"
 MAX_CLEARANCE: Final = "MaxClearance"
 """Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_widest_path`."""
 
+LATTICE: Final = "Lattice"
+"""Name by which :func:`planners.plan` searches a lattice of headings, for drives that are not holonomic."""
+
 BIRRT: Final = "BiRRT"
 """Name by which :func:`planners.plan` runs :meth:`cspace.ArmSpace.find_path`."""
 
-BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, BIRRT)
+BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
 """Searches of maps and arms themselves, without OMPL."""
 
 PLANNERS_WITHOUT_OBJECTIVE: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
@@ -97,7 +100,8 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
         hint = f"choose one of {', '.join(planner_names())}"
         hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
-        rule = f"it must be a geometric planner of the installed OMPL, {GRID} or {MAX_CLEARANCE}, or for an arm {BIRRT}"
+        searches = f"{GRID}, {MAX_CLEARANCE}, {LATTICE}, or for an arm {BIRRT}"
+        rule = f"it must be a geometric planner of the installed OMPL, {searches}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = known[name.lower()]
     refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {}) if isinstance(drive, str) else {}

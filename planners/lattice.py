@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 
-from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
 from cspace.compiling import clock, jit, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.points import around_is_free
@@ -72,7 +72,7 @@ NODES_PER_CLOCK_CHECK: Final = 2**12
 NODES_PER_GOAL_EDGE: Final = 16
 """Nodes far from the goal, of which one is joined to it by an edge, if that is free."""
 
-INITIAL_NODES: Final = 2**14
+INITIAL_NODES: Final = 2**15
 """Nodes for which there is memory at first; it doubles as needed."""
 
 PAD: Final = 4
@@ -89,6 +89,12 @@ KEY_BITS: Final = 24
 
 HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 """Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
+
+TIE_RADIANS: Final = 1e-9
+"""Difference of rotations below which driving ahead and back count as equal."""
+
+COST_PER_EDGE: Final = 1e-6
+"""Metres that an edge counts as when a path is shortened, so that straight drives become one."""
 
 SHORTENING_ROUNDS: Final = 2
 """Rounds in which a path is shortened."""
@@ -125,8 +131,8 @@ class Cells(NamedTuple):
         Cells of cost by which the search goes on past the start.
     """
 
-    free: Ints
-    turns: Ints
+    free: Words
+    turns: Words
     width: int
     steps: Ints
     touched: Ints
@@ -168,7 +174,7 @@ class Lattice(NamedTuple):
     columns : int
         Number of headings of the table.
     table : ndarray of float32, shape (places * columns,)
-        Cost from each state of :class:`Cells` to the goal, plus 1, in cells; 0 where there is no path.
+        Cost from each state of :class:`Cells` to the goal, plus 1, in cells, of either sign; 0 where not reached.
     """
 
     kind: int
@@ -220,26 +226,27 @@ class Nodes(NamedTuple):
     best: Floats
 
 
-def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, shorten: bool, seconds: float) -> tuple[Floats, str]:
+def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Floats, str]:
     """Find a path of a drive's edges on a map in memory.
 
     Returns the path, shape (n, 3), and a note on lattices that have no path. The path has length 0 if none is found,
-    or time runs out.
+    or the clock passes ``until``.
     """
-    until, path, note, is_car = clock() + seconds, np.empty((0, 3)), "", edges.turning_radius is not None
+    start, goal = cast(tuple[Pose, Pose], endpoints)
+    path, note, is_car = np.empty((0, 3)), "", edges.turning_radius is not None
     yaws, cells, is_own = _list_headings(endpoints)
     try:
         table, is_joined = _spread_costs(edges, endpoints, yaws, cells, until)
         note = "" if is_joined or is_car else f"the lattice of {len(yaws)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
-            motions = _car_motions(edges, endpoints[0], level) if is_car else _spot_motions(edges, yaws, cells, is_own)
+            motions = _car_motions(edges, start, level) if is_car else _spot_motions(edges, yaws, cells, is_own)
             nearest = np.abs(wrapped(yaws - motions[0][:, None])).argmin(axis=1)
             kind = CURVES.index(edges.drive) if is_car else -1
-            lattice = Lattice(kind, _reverses(edges), *motions, endpoints[1], nearest, len(yaws), table)
-            nodes = _search(edges, lattice, endpoints[0], MAX_NODES[level], until)
+            lattice = Lattice(kind, _reverses(edges), *motions, goal, nearest, len(yaws), table)
+            nodes = _search(edges, lattice, start, MAX_NODES[level], until)
             if nodes.counts[4] >= 0:
-                path = _trace(lattice, nodes)
-                return _shorten(edges, lattice, path, until) if shorten else path, ""
+                traced = _trace(lattice, nodes)
+                return (traced, "") if edges.are_free(traced) else (path, note)
     except TimeoutError:
         pass
     return path, note
@@ -277,30 +284,30 @@ def _spread_costs(
     """
     space, grid, count, is_car = edges.space, edges.space.grid, len(yaws), edges.turning_radius is not None
     rows, width = (n + 2 * PAD for n in grid.shape)
-    free, turns = np.zeros((2, rows, width), dtype=np.uint64)
+    free, turns, strides = *np.zeros((2, rows, width), dtype=np.uint64), np.array([width, 1])
     rotations, n = space.rotations.cell_of(yaws), len(space.rotations)
     for k in range(count):
         check_deadline(until)
         first, last = int(rotations[k]), int(rotations[(k + 1) % count])
         between = [last] if is_car else [(first + i) % n for i in range(1, (last - first) % n + 1)]
         worst = space.states_at(space.rotations.centers[first])
-        for bits, cells in ((free, []), (turns, between)):
-            for cell in cells:
+        for bits, others in ((free, []), (turns, between)):
+            for cell in others:
                 worst = np.maximum(worst, space.states_at(space.rotations.centers[cell]))
             bits[PAD:-PAD, PAD:-PAD] |= (worst == FREE).astype(np.uint64) << np.uint64(k)
     weight = (edges.turning_radius or METRES_PER_RADIAN) / grid.spacing
-    touched = [_touched_cells(*step) for step in steps.tolist()]
-    touched = np.array([[*cells, *[(0, 0)] * (max(map(len, touched)) - len(cells))] for cells in touched])
+    lists = [_touched_cells(*step) for step in steps.tolist()]
+    touched = np.array([[*cells, *[(0, 0)] * (max(map(len, lists)) - len(cells))] for cells in lists])
     start, goal = (
-        int((grid.cell_of(q[:2]) + PAD) @ [width, 1]) * count + int(np.abs(wrapped(yaws - q[2])).argmin())
+        int((grid.cell_of(q[:2]) + PAD) @ strides) * count + int(np.abs(wrapped(yaws - q[2])).argmin())
         for q in endpoints
     )
-    cells = Cells(
+    lattice = Cells(
         free.reshape(-1),
         turns.reshape(-1),
         width,
-        steps @ [width, 1],
-        touched @ [width, 1],
+        steps @ strides,
+        touched @ strides,
         np.hypot(*steps.T),
         weight * np.diff(yaws, append=yaws[0] + TWO_PI),
         _reverses(edges),
@@ -311,11 +318,11 @@ def _spread_costs(
     table, entries = np.zeros(free.size * count, np.float32), np.empty((INITIAL_NODES, 2), np.int64)
     buckets, counts = np.full(BUCKETS, -1), np.array([1, 1, -1, 0])
     table[goal], entries[0], buckets[0] = 1.0, (goal, -1), 0
-    while not spread_costs(cells, table, entries, buckets, counts):
+    while not spread_costs(lattice, table, entries, buckets, counts):
         check_deadline(until)
         if counts[0] + 4 * NODES_PER_CLOCK_CHECK > len(entries):
             entries = np.concatenate([entries, np.empty_like(entries)])
-    return np.abs(table, out=table), table[start] > 0.0
+    return table, table[start] != 0.0
 
 
 def _touched_cells(dx: int, dy: int) -> list[tuple[int, int]]:
@@ -343,15 +350,15 @@ def _spot_motions(edges: EdgesOnMap, yaws: Floats, cells: Ints, is_own: Bools) -
     offsets = np.stack([0.0 * steps, 0.0 * steps, steps, -steps], axis=1)[:, :moves]
     costs = METRES_PER_RADIAN * np.abs(wrapped(yaws[following] - yaws[:, None]))[:, :moves]
     costs += np.linalg.norm(offsets, axis=2)
-    arrays = (np.ascontiguousarray(each) for each in (following[:, :moves], offsets, costs))
-    return yaws, 0.0, spacing, *arrays, np.zeros((moves, 5), dtype=np.int64), np.zeros((moves, 5))
+    contiguous, words = np.ascontiguousarray, (np.zeros((moves, 5), dtype=np.int64), np.zeros((moves, 5)))
+    return yaws, 0.0, spacing, contiguous(following[:, :moves]), contiguous(offsets), contiguous(costs), *words
 
 
 def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
     """Return arcs of a car to the next heading on both sides, and drives straight on, ahead and in reverse."""
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
-    yaws = wrapped(start[2] + arc * np.arange(count))
+    yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     side = max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
     straight, moves = max(arc * radius, 1.01 * math.sqrt(2.0) * side), 3 + 3 * _reverses(edges)
     steering, signs = np.tile([1, -1, 0], 2)[:moves], np.repeat([1, -1], 3)[:moves]
@@ -378,7 +385,7 @@ def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, un
         check_deadline(until)
         if 2 * nodes.counts[0] > len(nodes.costs):
             larger = [np.concatenate([each, np.empty_like(each)]) for each in nodes[:4]]
-            nodes = Nodes(*larger, np.full(2 * len(nodes.table), -1), *nodes[5:])
+            nodes = Nodes(*larger, np.full(2 * len(nodes.table), -1), *nodes[5:])  # type: ignore[call-arg]  # eight fields
             rehash(nodes)
     return nodes
 
@@ -394,21 +401,24 @@ def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
     return np.array([b for a, b in zip([None, *rows], rows, strict=False) if a != b])[::-1]
 
 
-def _shorten(edges: EdgesOnMap, lattice: Lattice, path: Floats, until: float) -> Floats:
-    """Return the cheapest path over waypoints of a path, and points between them, whose edges are proven free."""
+def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
+    """Return the cheapest path over waypoints of a path, and points between them, with edges that are proven free.
+
+    After ``until``, no more shortcuts are sought.
+    """
     check = edges.edge_checker()
     for _ in range(SHORTENING_ROUNDS):
         steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
         rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
         for a, b, step in zip(path[:-1], path[1:], steps.tolist(), strict=True):
-            count = int(step / gap) if lattice.kind < 0 and a[2] == b[2] else 1
+            count = int(step / gap) if edges.turning_radius is None and a[2] == b[2] else 1
             rows += [a + np.arange(1, count)[:, None] / count * (b - a), b[None]]
         path = np.concatenate(rows)
         before, total = np.zeros(len(path), dtype=np.int64), np.zeros(len(path))
         apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
         for k in range(1, len(path)):
             first = k - apart[apart <= k]
-            costs = total[first] + _edge_costs(edges, lattice, path[first], path[k])
+            costs = total[first] + _edge_costs(edges, path[first], path[k]) + COST_PER_EDGE
             for index in np.argsort(costs, kind="stable").tolist():
                 # The edge from the waypoint before belongs to the path.
                 if index == 0 or (clock() < until and check(*path[first[index]].tolist(), *path[k].tolist())):
@@ -421,12 +431,12 @@ def _shorten(edges: EdgesOnMap, lattice: Lattice, path: Floats, until: float) ->
     return path
 
 
-def _edge_costs(edges: EdgesOnMap, lattice: Lattice, starts: Floats, end: Floats) -> Floats:
+def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
     """Return the costs of edges to a configuration, shape (n,)."""
-    if lattice.kind < 0:
+    if edges.turning_radius is None:
         return edges.edge_lengths(starts, np.tile(end, (len(starts), 1)))
     costs = np.empty(len(starts))
-    curve_costs(lattice.kind, lattice.radius, starts, end, costs)
+    curve_costs(CURVES.index(edges.drive), edges.turning_radius, starts, end, costs)
     return costs
 
 
@@ -554,7 +564,7 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
     if parent >= 0:
         p = (nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2])
         if lattice.kind < 0:
-            if not edge_is_free(map_, None, p, q):
+            if not _is_free(map_, p, q):
                 return
         elif not around_is_free(map_, q, spare * lattice.radius, spare) or not word_is_free(
             map_, lattice.radius, p, lattice.steering[move], lattice.lengths[move], spare
@@ -593,7 +603,7 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
     nx, ny = map_.states.shape[1], map_.states.shape[2]
     i = min(math.floor((q[0] - map_.lower[0]) / map_.spacing), nx - 1) + PAD
     j = min(math.floor((q[1] - map_.lower[1]) / map_.spacing), ny - 1) + PAD
-    cells = float(lattice.table[(i * (ny + 2 * PAD) + j) * lattice.columns + lattice.nearest[heading]]) - 1.0
+    cells = abs(lattice.table[(i * (ny + 2 * PAD) + j) * lattice.columns + lattice.nearest[heading]]) - 1.0
     apart = math.hypot(q[0] - lattice.goal[0], q[1] - lattice.goal[1])
     metres = max(apart, cells * map_.spacing if cells >= 0.0 else apart + UNREACHED_CELLS * map_.spacing)
     if metres < CURVE_RADII * lattice.radius:
@@ -614,11 +624,19 @@ def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
         heading, radians = ahead, abs(shorter_angle(yaw, ahead)) + abs(shorter_angle(ahead, goal[2]))
         back = ahead - math.copysign(math.pi, ahead)
         reverse = abs(shorter_angle(yaw, back)) + abs(shorter_angle(back, goal[2]))
+        if lattice.reverses and abs(reverse - radians) < TIE_RADIANS:
+            return math.inf  # rounding decides which way the robot drives
         if lattice.reverses and reverse < radians:
             heading, radians = back, reverse
     first, last = (x, y, heading), (goal[0], goal[1], heading)
-    proven = edge_is_free(map_, None, q, first) and edge_is_free(map_, None, last, goal)
-    return metres + METRES_PER_RADIAN * radians if proven and edge_is_free(map_, None, first, last) else math.inf
+    proven = _is_free(map_, q, first) and _is_free(map_, last, goal)
+    return metres + METRES_PER_RADIAN * radians if proven and _is_free(map_, first, last) else math.inf
+
+
+@kernel
+def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
+    """Return True if a straight edge is proven free; compiled once, because it is long."""
+    return edge_is_free(map_, None, q0, q1)
 
 
 @jit

@@ -20,6 +20,7 @@ from planners.catalogue import (
     BIRRT,
     BUILT_IN_SEARCHES,
     GRID,
+    LATTICE,
     MAX_CLEARANCE,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
@@ -41,7 +42,7 @@ from planners.local_planner import (
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages, skip_waypoints
 from planners.result import Plan, Times
-from planners.search import Search, SearchResult
+from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
 from planners.setup import MakeObjective
 from planners.states import kind_of
 
@@ -53,6 +54,9 @@ MAX_SKIPPED_WAYPOINTS: Final = 32
 
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan without a search, because every path would follow such a chain."""
+
+ON_LATTICE: Final = "on a lattice of headings"
+"""Note of a path that the lattice found."""
 
 _OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     "clearance": ClearanceObjective,
@@ -107,6 +111,7 @@ def choices(space: ConfigurationSpace) -> Choices:
     if not isinstance(space, CSpace):
         searches = tuple(name for name in searches if name != MAX_CLEARANCE)  # it needs a map in memory
     is_car = space.axes == CAR_AXES
+    searches = tuple(name for name in searches if name != LATTICE or is_car)
     return Choices((*planner_names(), *searches), DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
 
 
@@ -337,7 +342,7 @@ def _check_built_in_search(task: _Task) -> None:
     """Raise InputError if a built-in search does not support the space or another option."""
     edges, name = task.edges, task.search.planner
     if name not in edges.built_in_searches:
-        rule, hint = f"{BIRRT} is for arms, {GRID} and {MAX_CLEARANCE} are for maps", "leave planner out"
+        rule, hint = f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps", "leave planner out"
         raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
     options = {
         "objective": task.objective,
@@ -345,10 +350,14 @@ def _check_built_in_search(task: _Task) -> None:
         "drive": edges.drive,
         "iterations": task.search.iterations,
     }
+    if name == LATTICE and options.pop("drive") == HOLONOMIC:
+        problem, rule = f"is {name!r} and drive is {edges.drive!r}", f"{name} is for all other drives"
+        raise InputError("planner", problem, rule, "use planner='Grid', or pass drive='differential'", value=name)
     for option, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
             problem = f"is {value!r} and planner is {name!r}"
-            rule = f"{name} supports only holonomic straight edges and objective='length'"
+            what = "FREE cells" if name == LATTICE else "holonomic straight edges"
+            rule = f"{name} supports only {what} and objective='length'"
             raise InputError(option, problem, rule, f"leave {option} out, or use planner='RRTConnect'", value=value)
     if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
         rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
@@ -438,6 +447,9 @@ def _plan_subproblem(
     """Search a path in a space in memory: by a built-in search, along a chain of cells, or by OMPL."""
     if endpoints[0] == endpoints[1]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
+    by_default = search.falls_back and edges.drive != HOLONOMIC and not edges.exact and search.iterations is None
+    if isinstance(edges, EdgesOnMap) and (search.planner == LATTICE or by_default):
+        return _search_lattice(search, edges, endpoints, limit)
     if search.planner in BUILT_IN_SEARCHES:
         # A search from the start to itself fills the caches of the map, which the time limit leaves out.
         edges.search(search.planner, (endpoints[0], endpoints[0]), search.simplify, search.seed, limit)
@@ -451,6 +463,24 @@ def _plan_subproblem(
         if exists and search.falls_back:
             return passages.run_free(*endpoints)
     return search.run(edges, *endpoints, limit, joined=exists is True)
+
+
+def _search_lattice(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
+    """Search the lattice of a drive, then by OMPL in the rest of the time, unless the lattice was named."""
+    from planners.lattice import find_lattice_path, shorten_path
+
+    if edges.edge_checker()(*endpoints[0], *endpoints[1]):
+        return SearchResult(np.array(endpoints), NO_SEARCH)
+    began = clock()
+    path, note = find_lattice_path(edges, endpoints, began + limit)
+    planning = clock() - began
+    if len(path):
+        shorter = shorten_path(edges, path, began + limit + GRACE_SECONDS) if search.simplify else path
+        return SearchResult(shorter, ON_LATTICE, planning, clock() - began - planning)
+    if search.planner == LATTICE or planning >= limit:
+        return SearchResult(path, "", planning, lattice=note)
+    result = search.run(edges, *endpoints, limit - planning, joined=True)
+    return replace(result, planning=planning + result.planning, lattice=note)
 
 
 def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None, searched: bool) -> tuple[str, str]:
@@ -471,8 +501,8 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None, se
     unsupported = [option for option, is_given in given.items() if is_given]
     longer = f"time_limit={10 * task.time_limit:g}"
     hints = edges.hints_after_search(exists, planner, task.is_named, longer, unsupported)
-    status = [_describe_failure(result, task.time_limit), existence, *edges.describe_limits(task.endpoints)]
-    return "; ".join(status), _join_hints(hints)
+    status = [_describe_failure(result, task.time_limit), result.lattice, existence]
+    return "; ".join(filter(None, status + edges.describe_limits(task.endpoints))), _join_hints(hints)
 
 
 def _describe_failure(result: SearchResult, limit: float) -> str:

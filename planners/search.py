@@ -43,6 +43,9 @@ GRACE_SECONDS: Final = 0.1
 _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """Outcomes that OMPL's planners report if nothing is wrong."""
 
+NO_SEARCH: Final = "a single edge is free; no search needed"
+"""Note of a path that is a single edge."""
+
 MAX_INITIAL_PATHS: Final = 8
 """Largest number of quickly found paths, of which an optimising planner must beat the cheapest."""
 
@@ -143,6 +146,8 @@ class SearchResult:
         Seconds that the steps took.
     proven : bool
         Whether all edges were proven free in a final check.
+    lattice : str
+        What a lattice of headings proves; may be empty.
     where : str
         Part of the path on which the search failed, " from ... to ...", if the map has several tiles.
     """
@@ -152,6 +157,7 @@ class SearchResult:
     planning: float = 0.0
     simplification: float = 0.0
     proven: bool = False
+    lattice: str = ""
     where: str = ""
 
 
@@ -210,7 +216,7 @@ class Search:
             setup = make_setup(edges, None if self.planner in THREADED_PLANNERS else self.objective)
             if self._is_shortest(edges, setup, start, goal):
                 path = kind_of(edges.space).unwind(np.array([start, goal]))
-                return SearchResult(path, "a single edge is free; no search needed")
+                return SearchResult(path, NO_SEARCH)
             if joined and isinstance(edges, EdgesOnMap) and not edges.exact:
                 narrow_bounds(setup, edges, start)
             return _Run(self, edges, setup).solve(start, goal, time_limit)

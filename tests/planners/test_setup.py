@@ -101,7 +101,8 @@ def test_every_constructible_geometric_planner_is_listed() -> None:
 def test_choices_lists_planners_and_drives_of_a_map(name: str) -> None:
     space = build_room(name)
     choices = planners.choices(space)
-    assert choices.planners == (*planners.planner_names(), "Grid", "MaxClearance")
+    searches = ("Grid", "MaxClearance", *["Lattice"] * (name == "turning"))
+    assert choices.planners == (*planners.planner_names(), *searches)
     assert choices.drives == (DRIVES if name == "turning" else ("holonomic",))
     for drive in choices.drives:
         radius = 0.4 if drive in choices.curves else None

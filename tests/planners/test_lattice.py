@@ -1,0 +1,237 @@
+"""The search on a lattice of headings: proofs, lengths, failures, parking, and the map of an office."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse
+import scipy.sparse.csgraph
+import shapely
+import shapely.affinity
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ompl import base as ob
+
+import planners
+from cspace import BLOCKED, FREE, CSpace, InputError, Robot, Workspace, build
+from handmade import fill_boxes
+from planning import room, with_state
+
+DRIVES: list[dict[str, Any]] = [
+    {"drive": "differential"},
+    {"drive": "differential-reverse"},
+    {"drive": "dubins", "turning_radius": 0.3},
+    {"drive": "reeds-shepp", "turning_radius": 0.3},
+]
+IDS = [options["drive"] for options in DRIVES]
+
+FOOTPRINT = [(-0.2, -0.15), (0.3, -0.15), (0.3, 0.05), (0.0, 0.05), (0.0, 0.2), (-0.2, 0.2)]
+OFFICE_FOOTPRINT = [(-0.3, -0.25), (0.4, -0.25), (0.4, 0.0), (0.05, 0.0), (0.05, 0.35), (-0.3, 0.35)]
+
+OFFICE_LENGTHS = [
+    *(math.inf, 18.51, 59.40, 32.16, 28.48, 54.75, math.inf, 22.52, 70.16, 64.04, math.inf, 43.95),
+    *(69.39, 89.08, 34.04, 31.27, math.inf, 94.86, 37.52, 7.40, 34.42, 34.65, math.inf, math.inf),
+]
+"""Lengths of the shortest paths of :func:`eight_headings` between the queries of the office, infinite without one."""
+
+
+def world(seed: int) -> CSpace:
+    """Build the map of a random plane with boxes."""
+    rng = np.random.default_rng(seed)
+    cells = np.zeros((40, 36), dtype=bool)
+    for _ in range(7):
+        (i, j), (m, n) = rng.integers(0, 36, 2), rng.integers(1, 12, 2)
+        cells[i : i + m, j : j + n] = True
+    return build(Workspace.from_array(cells, 0.1), Robot.polygon(FOOTPRINT), rotations=24)
+
+
+def draw_query(space: CSpace, rng: np.random.Generator) -> np.ndarray:
+    """Draw two FREE configurations at the centers of cells."""
+    q = space.sample_free(2, rng)
+    q[:, :2] = space.grid.center_of(space.grid.cell_of(q[:, :2]))
+    q[:, 2] = space.rotations.centers[space.rotations.cell_of(q[:, 2]), 0]
+    return q
+
+
+def eight_headings(space: CSpace, drive: str) -> Any:
+    """Return the graph of FREE cells of a robot that turns on the spot and drives along eight headings."""
+    free = np.asarray(space.cell_states) == FREE
+    index = np.arange(free.size).reshape(free.shape)
+    edges = [(index[k], index[(k + 1) % len(free)], free[k] & free[(k + 1) % len(free)]) for k in range(len(free))]
+    turn = math.pi / len(free)  # half a metre for each radian
+    parts = [(a[m], b[m], np.full(m.sum(), turn)) for a, b, m in edges]
+    parts += [(b, a, cost) for a, b, cost in parts]
+    for dx, dy in [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]:
+        k = int(space.rotations.cell_of(math.atan2(dy, dx)))
+        ahead = np.roll(np.pad(free[k], 1), (-dx, -dy), (0, 1))[1:-1, 1:-1]
+        beside = [np.roll(np.pad(free[k], 1), (-a, -b), (0, 1))[1:-1, 1:-1] for a, b in ((dx, 0), (0, dy))]
+        may = free[k] & ahead & beside[0] & beside[1]
+        a = index[k][may]
+        b = a + dx * free.shape[2] + dy
+        parts.append((a, b, np.full(len(a), space.grid.spacing * math.hypot(dx, dy))))
+        parts += [(b, a, parts[-1][2])] * (drive == "differential-reverse")
+    a, b, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return scipy.sparse.coo_array((cost, (a, b)), shape=(free.size, free.size)).tocsr()
+
+
+def weighted_length(plan: planners.Plan) -> float:
+    """Return the length of a plan in metres, with half a metre for each radian."""
+    return plan.length + 0.5 * plan.total_rotation
+
+
+def sample_motion(plan: planners.Plan, drive: str, radius: float | None) -> np.ndarray:
+    """Return configurations 1 cm or 1 degree apart along a path, for cars by OMPL's own curves."""
+    rows = []
+    for a, b in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
+        share = np.linspace(0.0, 1.0, 2 + int(max(math.dist(a[:2], b[:2]) * 100, 60)))[:, None]
+        if radius is None:
+            angle = (b[2] - a[2] + math.pi) % (2 * math.pi) - math.pi
+            assert not (a[:2] != b[:2]).any() or abs(angle) < 1e-9  # it turns or drives
+            rows.append(a + share * [*(b[:2] - a[:2]), angle])
+            continue
+        states = (ob.DubinsStateSpace if drive == "dubins" else ob.ReedsSheppStateSpace)(radius)
+        first, last, state = (states.allocState() for _ in range(3))
+        for each, q in ((first, a), (last, b)):
+            each.setXY(float(q[0]), float(q[1]))
+            each.setYaw(float(q[2]))
+        for t in np.linspace(0.0, 1.0, 2 + int(100 * states.distance(first, last))):
+            states.interpolate(first, last, float(t), state)
+            rows.append([[state.getX(), state.getY(), state.getYaw()]])
+    return np.concatenate(rows)
+
+
+@pytest.mark.parametrize("options", DRIVES, ids=IDS)
+@settings(max_examples=12)
+@given(seed=st.integers(0, 10_000))
+def test_paths_of_the_lattice_are_certified_and_keep_exact_footprints_off_obstacles(
+    options: dict[str, Any], seed: int
+) -> None:
+    space, rng = world(seed), np.random.default_rng(seed)
+    boxes = [shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(space.workspace.outer)]
+    obstacles = shapely.affinity.scale(shapely.union_all(boxes), 0.1, 0.1, origin=(0, 0))
+    shapely.prepare(obstacles)
+    for _ in range(3):
+        start, goal = space.sample_free(2, rng)
+        if not space.is_connected(start, goal):
+            continue
+        plan = planners.plan(space, start, goal, planner="Lattice", time_limit=20.0, **options)
+        assert plan.certified == plan.solved
+        if plan.solved:
+            assert plan.waypoints[0].tolist() == start.tolist() and plan.waypoints[-1].tolist() == goal.tolist()
+            for x, y, yaw in sample_motion(plan, options["drive"], options.get("turning_radius")):
+                c, s = math.cos(yaw), math.sin(yaw)
+                shape = shapely.affinity.affine_transform(shapely.Polygon(FOOTPRINT), (c, -s, s, c, x, y))
+                assert not obstacles.intersects(shape)
+
+
+@pytest.mark.parametrize("options", DRIVES[:2], ids=IDS[:2])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_lattice_solves_what_eight_headings_join_and_is_as_short(options: dict[str, Any], seed: int) -> None:
+    space, rng = world(seed), np.random.default_rng(seed)
+    graph, joined = eight_headings(space, options["drive"]), 0
+    for _ in range(6):
+        query = draw_query(space, rng)
+        cells = np.column_stack([space.rotations.cell_of(query[:, 2]), space.grid.cell_of(query[:, :2])])
+        first, last = np.ravel_multi_index(tuple(cells.T), (len(space.rotations), *space.grid.shape)).tolist()
+        best = scipy.sparse.csgraph.dijkstra(graph, indices=first)[last]
+        if math.isfinite(best):
+            plan = planners.plan(space, *query, planner="Lattice", time_limit=20.0, **options)
+            assert plan.certified, plan.status
+            assert weighted_length(plan) <= 1.02 * best + 1e-9
+            joined += 1
+    assert joined
+
+
+@pytest.mark.parametrize("options", DRIVES, ids=IDS)
+def test_the_lattice_repeats_its_path(options: dict[str, Any]) -> None:
+    space, (start, goal) = room("turning"), ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0))
+    plans = [planners.plan(space, start, goal, time_limit=20.0, **options) for _ in range(2)]
+    assert plans[0].certified and "on a lattice of headings" in plans[0].status
+    assert plans[0].waypoints.tolist() == plans[1].waypoints.tolist()
+    rough = planners.plan(space, start, goal, planner="lattice", simplify=False, time_limit=20.0, **options)
+    assert rough.certified and len(rough.waypoints) >= len(plans[0].waypoints)
+
+
+def sideways() -> tuple[CSpace, tuple[float, ...], tuple[float, ...]]:
+    """Return a map that is FREE at one yaw alone, and a query that only a robot which moves sideways can drive."""
+    states = np.full((8, 20, 20), BLOCKED, dtype=np.uint8)
+    states[0, 3:17, 3:17] = FREE
+    return with_state(states, 8), (10.5, 5.5, 0.0), (10.5, 14.5, 0.0)
+
+
+@pytest.mark.parametrize("options", DRIVES[:2], ids=IDS[:2])
+def test_the_status_says_that_the_lattice_has_no_path(options: dict[str, Any]) -> None:
+    space, start, goal = sideways()
+    for planner in (None, "Lattice"):
+        plan = planners.plan(space, start, goal, planner=planner, time_limit=0.5, **options)
+        assert not plan.solved and not plan.is_disconnected
+        assert "the lattice of 16 headings has no path; one exists for a robot that also moves" in plan.status
+    ahead = planners.plan(space, start, (14.5, 5.5, 0.0), planner="Lattice", **options)
+    assert ahead.certified and "no search needed" in ahead.status
+
+
+def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planners.lattice.find_lattice_path", lambda *_: (np.empty((0, 3)), "the lattice gave up"))
+    space, (start, goal) = room("turning"), ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0))
+    plan = planners.plan(space, start, goal, drive="differential", seed=1, time_limit=20.0)
+    assert plan.certified and plan.status == "path found"
+    named = planners.plan(space, start, goal, drive="differential", planner="Lattice")
+    assert not named.solved and "the lattice gave up" in named.status
+
+
+def test_a_search_that_runs_out_of_time_finds_nothing() -> None:
+    space, (start, goal) = room("turning"), ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0))
+    plan = planners.plan(space, start, goal, planner="Lattice", drive="differential", time_limit=1e-6)
+    assert not plan.solved and "no path found within" in plan.status
+
+
+def test_a_car_parks_parallel_to_the_road_in_reverse() -> None:
+    """The gap is 1.6 times as long as the car."""
+    cars = [shapely.box(x, 0.4, x + 4.2, 2.1) for x in (0.5, 11.4, 16.3)]
+    workspace = Workspace.from_polygons(cars, 0.1, bounds=(0, 0, 21, 6.5))
+    space = build(workspace, Robot.rectangle(4.2, 1.7), rotations=144)
+    parked = (8.0, 1.25, 0.0)
+    options: dict[str, Any] = {"drive": "reeds-shepp", "turning_radius": 4.0, "time_limit": 60.0}
+    plan = planners.plan(space, (3.5, 4.2, 0.0), parked, **options)
+    assert plan.certified and plan.direction is not None and -1 in plan.direction
+    out = planners.plan(space, parked, (16.5, 4.2, 0.0), **options)
+    assert out.certified and out.length < 40.0
+
+
+@pytest.mark.parametrize("options", DRIVES, ids=IDS)
+def test_the_lattice_leaves_a_dead_end_as_the_drive_may(options: dict[str, Any]) -> None:
+    """In a corridor too narrow to turn, only robots that reverse leave in the other direction."""
+    space = build(Workspace.from_array(fill_boxes((80, 40), np.s_[:50, :15], np.s_[:50, 20:]), 0.1),
+                  Robot.rectangle(0.6, 0.3), rotations=72)  # fmt: skip
+    plan = planners.plan(
+        space, (1.0, 1.75, math.pi - 1e-3), (6.5, 1.75, 0.0), time_limit=2.0, planner="Lattice", **options
+    )
+    assert plan.solved == plan.certified == (options["drive"] in ("differential-reverse", "reeds-shepp"))
+
+
+def test_the_lattice_is_refused_for_robots_that_move_sideways() -> None:
+    with pytest.raises(
+        InputError, match=r"planner is 'Lattice' and drive is 'holonomic'.*for all other drives.*'Grid'"
+    ):
+        planners.plan(room("turning"), (0.8, 0.8, 0.0), (5.0, 3.2, 2.0), planner="Lattice")
+
+
+def test_the_office_is_solved_wherever_eight_headings_join_it(data: Path) -> None:
+    workspace = Workspace.open(data / "maps" / "willow-full-0.05.yaml")
+    space = build(workspace, Robot.polygon(OFFICE_FOOTPRINT), rotations=72)
+    rng, queries = np.random.default_rng(0), []
+    while len(queries) < len(OFFICE_LENGTHS):
+        query = draw_query(space, rng)
+        if space.is_connected(*query):
+            queries.append(query)
+    solved = 0
+    for query, best in zip(queries, OFFICE_LENGTHS, strict=True):
+        plan = planners.plan(space, *query, planner="Lattice", drive="differential", time_limit=20.0)
+        assert plan.certified == plan.solved
+        assert plan.solved or math.isinf(best)
+        assert not plan.solved or weighted_length(plan) <= best
+        car = planners.plan(space, *query, planner="Lattice", drive="reeds-shepp", turning_radius=0.5, time_limit=20.0)
+        solved += car.certified
+    assert solved >= 22
