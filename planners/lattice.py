@@ -406,7 +406,7 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
 
     After ``until``, no more shortcuts are sought.
     """
-    check = edges.edge_checker()
+    check, given = edges.edge_checker(), path
     for _ in range(SHORTENING_ROUNDS):
         steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
         rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
@@ -428,7 +428,7 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
         while chain[-1] > 0:
             chain.append(int(before[chain[-1]]))
         path = edges.remove_turns(path[chain[::-1]])
-    return path
+    return path if edges.are_free(path) else given  # rounding may make a part of an edge fail
 
 
 def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:

@@ -176,12 +176,14 @@ def plan(
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped.
     planner : str, optional
         Name of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search, in upper or lower case. The
-        default is RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
+        default is RRTConnect, for Dubins curves RRT, and for an arm BiRRT. If the objective is the length and neither
+        ``exact`` nor ``iterations`` is given, drives that are not holonomic begin with "Lattice".
 
         - "Grid", :meth:`cspace.CSpace.find_path`: a holonomic path in milliseconds if FREE cells join start and goal;
           deterministic.
         - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and of these the
           shortest; deterministic unless the time limit ends it; not for maps in a store.
+        - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others (2008); deterministic.
         - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code.
 
         RRTConnect often fails for Dubins curves, because its tree at the goal grows by curves that leave the goal.
@@ -197,7 +199,7 @@ def plan(
         Whether to shorten the path; OMPL also smooths it. The result is kept only if it is certified and no worse by
         the objective.
     seed : int, optional
-        From 0 to 2^32 - 2. Grid and MaxClearance ignore it.
+        From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance", "overlap"} or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, and "overlap"
         :class:`planners.OverlapObjective` with the field that the map carries. A callable takes the space information
