@@ -52,7 +52,7 @@ SWITCH_RADII: Final = 0.5
 """Turning radii that a car's change of direction counts as."""
 
 UNREACHED_CELLS: Final = 400.0
-"""Cells added to the straight distance from where the first search did not reach."""
+"""Cells added to the cost of the start, for places that the first search did not reach."""
 
 MARGIN_CELLS: Final = (4.0, 60.0)
 """Cells of cost by which the first search goes on past the start: on the spot, and for cars."""
@@ -173,6 +173,8 @@ class Lattice(NamedTuple):
         Nearest heading of the table.
     columns : int
         Number of headings of the table.
+    unreached : float
+        Metres added to the straight distance to the goal where the table is 0.
     table : ndarray of float32, shape (places * columns,)
         Cost from each state of :class:`Cells` to the goal, plus 1, in cells, of either sign; 0 where not reached.
     """
@@ -190,6 +192,7 @@ class Lattice(NamedTuple):
     goal: Pose
     nearest: Ints
     columns: int
+    unreached: float
     table: Costs
 
 
@@ -236,13 +239,15 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> 
     path, note, is_car = np.empty((0, 3)), "", edges.turning_radius is not None
     yaws, cells, is_own = _list_headings(endpoints)
     try:
-        table, is_joined = _spread_costs(edges, endpoints, yaws, cells, until)
-        note = "" if is_joined or is_car else f"the lattice of {len(yaws)} headings has no path"
+        table, found = _spread_costs(edges, endpoints, yaws, cells, until)
+        # On the spot, the table reaches all states that may lie on the path; cars may pass between them.
+        unreached = math.inf if found > 0.0 and not is_car else (found + UNREACHED_CELLS) * edges.space.grid.spacing
+        note = "" if found > 0.0 or is_car else f"the lattice of {len(yaws)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
             motions = _car_motions(edges, start, level) if is_car else _spot_motions(edges, yaws, cells, is_own)
             nearest = np.abs(wrapped(yaws - motions[0][:, None])).argmin(axis=1)
             kind = CURVES.index(edges.drive) if is_car else -1
-            lattice = Lattice(kind, _reverses(edges), *motions, goal, nearest, len(yaws), table)
+            lattice = Lattice(kind, _reverses(edges), *motions, goal, nearest, len(yaws), unreached, table)
             nodes = _search(edges, lattice, start, MAX_NODES[level], until)
             if nodes.counts[4] >= 0:
                 traced = _trace(lattice, nodes)
@@ -277,8 +282,8 @@ def _yaws(steps: Ints) -> Floats:
 
 def _spread_costs(
     edges: EdgesOnMap, endpoints: Endpoints, yaws: Floats, steps: Ints, until: float
-) -> tuple[Costs, bool]:
-    """Return the table of :class:`Lattice`, and whether cells join start and goal.
+) -> tuple[Costs, float]:
+    """Return the table of :class:`Lattice`, and its entry of the start.
 
     Cars may turn at cells that are FREE at both headings, because they turn as they drive.
     """
@@ -322,7 +327,7 @@ def _spread_costs(
         check_deadline(until)
         if counts[0] + 4 * NODES_PER_CLOCK_CHECK > len(entries):
             entries = np.concatenate([entries, np.empty_like(entries)])
-    return table, table[start] != 0.0
+    return table, float(abs(table[start]))
 
 
 def _touched_cells(dx: int, dy: int) -> list[tuple[int, int]]:
@@ -559,7 +564,7 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
     if known >= 0 and nodes.costs[known] <= cost + COST_TOLERANCE * lattice.side:
         return
     bound = cost + (CAR_GREED if lattice.kind >= 0 else 1.0) * _remaining(map_, lattice, q, heading)
-    if not bound < nodes.best[0]:
+    if not bound < nodes.best[0]:  # or infinite
         return
     if parent >= 0:
         p = (nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2])
@@ -605,7 +610,7 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
     j = min(math.floor((q[1] - map_.lower[1]) / map_.spacing), ny - 1) + PAD
     cells = abs(lattice.table[(i * (ny + 2 * PAD) + j) * lattice.columns + lattice.nearest[heading]]) - 1.0
     apart = math.hypot(q[0] - lattice.goal[0], q[1] - lattice.goal[1])
-    metres = max(apart, cells * map_.spacing if cells >= 0.0 else apart + UNREACHED_CELLS * map_.spacing)
+    metres = max(apart, cells * map_.spacing if cells >= 0.0 else apart + lattice.unreached)
     if metres < CURVE_RADII * lattice.radius:
         metres = max(metres, _curve_cost(lattice.kind, lattice.radius, q, lattice.goal))
     return metres

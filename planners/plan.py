@@ -477,8 +477,10 @@ def _search_lattice(search: Search, edges: EdgesOnMap, endpoints: Endpoints, lim
     path, note = find_lattice_path(edges, endpoints, began + limit)
     planning = clock() - began
     if len(path):
-        shorter = shorten_path(edges, path, began + limit + GRACE_SECONDS) if search.simplify else path
-        return SearchResult(shorter, ON_LATTICE, planning, clock() - began - planning)
+        if not search.simplify:
+            return SearchResult(path, ON_LATTICE, planning)
+        path = shorten_path(edges, path, began + limit + GRACE_SECONDS)
+        return SearchResult(path, ON_LATTICE, planning, clock() - began - planning)
     if search.planner == LATTICE or planning >= limit:
         return SearchResult(path, "", planning, lattice=note)
     result = search.run(edges, *endpoints, limit - planning, joined=True)
