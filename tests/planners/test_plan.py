@@ -119,7 +119,8 @@ def test_a_plan_from_the_goal_stays_there(name: str, curve: str | None) -> None:
 def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | None) -> None:
     space, endpoints, gains, directions = build_room(name), endpoints_in(name, curve), [], set()
     for seed in range(3):
-        options = {"seed": seed, "time_limit": 20.0, **options_for(curve)}
+        planner = {"dubins": "RRT", "reeds-shepp": "RRTConnect"}.get(curve or "")
+        options = {"planner": planner, "seed": seed, "time_limit": 20.0, **options_for(curve)}
         rough, short = (planners.plan(space, *endpoints, simplify=simplify, **options) for simplify in (False, True))
         for plan in (rough, short):
             check(space, plan, *endpoints)
