@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from cspace.map.mip import OccupancyBits, OccupancyPyramid
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
+    from cspace.map.search import Guides
     from cspace.map.widest import Widest
     from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Change, Update, Updater
@@ -417,10 +418,11 @@ class CSpace(ConfigurationMap, MapExport):
     ) -> Floats:
         """Find a path through FREE cells, proven free all along.
 
-        A path is found whenever FREE cells of the grid join the two configurations. It is deterministic. In the plane,
-        and between two configurations of one rotation of a plane map that its slice joins, it is the shortest path
-        through FREE cells, to within 1e-5 cells for each corner (Harabor and others, JAIR 2016). Otherwise it follows a
-        chain of cells, pulled straight; the robot then turns on the spot, and only if it must.
+        A path is found whenever FREE cells of the grid join the two configurations. It is deterministic. In the plane
+        it is the shortest path through FREE cells, to within 1e-5 cells for each corner (Harabor and others, JAIR
+        2016). In other spaces it is a short one: it follows a short chain of cells, which a search of coarser copies of
+        the map guides (Hart, Nilsson and Raphael 1968), and is then shortened. A radian of rotation counts as half a
+        metre.
 
         Parameters
         ----------
@@ -466,36 +468,49 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
-        from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
-        from cspace.map.search import GREEDY_WEIGHT, TURN_COST, Graph
+        from cspace.map.paths import path_length
 
-        until, dim, neighbors = clock() + seconds, self.grid.dim, self.rotations._neighbors
-        endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
-        first, last = map(self._cells_of, endpoints)
-
-        def chain(neighbors: Ints) -> Ints:
-            turns = np.full(neighbors.shape, TURN_COST)
-            graph = Graph.of(self._seen, self._slice_of, neighbors, turns, self.periodic_axes[:dim])
-            return graph.chain(first, last, until, greed=GREEDY_WEIGHT)
-
+        endpoints, dim = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]), self.grid.dim
         still = not self.rotations._steps_between(*endpoints)[dim:].any()
-        if straight and still and dim == 2 and not any(self.periodic_axes):
-            path = self._shortest_in_slice(endpoints, int(self._slice_of[first[0]]), until)
-            if len(path):
-                return path
-        cells = chain(neighbors[:, :0]) if still else np.empty((0, 1 + dim), dtype=np.int64)
-        if not len(cells) and (neighbors.size or not still):
-            cells, still = chain(neighbors), False
+        if still:
+            endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
+        if not straight or any(self.periodic_axes):
+            return self._path_along_chain(endpoints, straight, seconds)
+        if self.edge_checker()(*endpoints[0], *endpoints[1]):
+            return endpoints
+        until, neighbors, paths = clock() + seconds, self.rotations._neighbors, []
+        if dim == 2 and still:
+            paths.append(
+                self._shortest_in_slice(endpoints, int(self._slice_of[self._cells_of(endpoints[0])[0]]), until)
+            )
+        if neighbors.size or not paths or not len(paths[0]):
+            paths.append(self._path_along_chain(endpoints, straight, until - clock()))
+        found = [path for path in paths if len(path)]
+        return min(found, key=partial(path_length, rotations=self.rotations), default=endpoints[:0])
+
+    def _path_along_chain(self, endpoints: Floats, straight: bool, seconds: float) -> Floats:
+        """Return a path along a short chain of cells; shorten it if ``straight``."""
+        from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
+        from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, SHORT_WEIGHT, Graph
+
+        dim, rotations = self.grid.dim, self.rotations
+        periodic = self.periodic_axes[:dim]
+        guides = [] if any(periodic) else self._guides.all()
+        until = clock() + seconds
+        graph = Graph.of(self._seen, self._slice_of, rotations._neighbors, self._turn_costs, periodic)
+        weight = SHORT_WEIGHT if self.grid.size * len(rotations) <= MAX_COSTED_CELLS else GREEDY_WEIGHT
+        first, last = self._cells_of(endpoints)
+        cells = graph.chain(first, last, until, greed=weight, guides=guides)
         if not len(cells):
             return np.empty((0, self.size))
-        cells = unwind(cells, self.grid.shape, self.periodic_axes[:dim])
-        path = waypoints(self.grid, self.rotations, endpoints, cells, self.periodic_axes[:dim])
-        if still:  # q1 may have the same rotation in other numbers: a quaternion of the other sign
-            path[:, dim:] = endpoints[0][dim:]
+        cells = unwind(cells, self.grid.shape, periodic)
+        path = waypoints(self.grid, rotations, endpoints, cells, periodic)
+        if (endpoints[0, dim:] == endpoints[1, dim:]).all() and (cells[:, 0] == cells[0, 0]).all():
+            path[:, dim:] = endpoints[0, dim:]  # without turning to the center of the rotation cell
         if not self.certify_path(path).all():
             return np.empty((0, self.size))
         check = in_time(below_half_a_turn(self.edge_checker(), self.periodic_axes), until)
-        return pulled_straight(path, dim, check, 2.0 * self.grid.spacing) if straight else path
+        return pulled_straight(path, rotations, check) if straight else path
 
     def _shortest_in_slice(self, endpoints: Floats, number: int, until: float) -> Floats:
         """Return the shortest path in a slice of a plane map, pushed aside so that each edge is certified.
@@ -825,7 +840,7 @@ class CSpace(ConfigurationMap, MapExport):
         CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
         if change.changed:
             CSpace._free_cells.drop(self)
-            for part in (CSpace._mip, CSpace._widest, CSpace._inflation, CSpace._components):
+            for part in (CSpace._mip, CSpace._widest, CSpace._inflation, CSpace._components, CSpace._guides):
                 part.refresh(self, change.states)
         unrolled, periodic = CSpace._with_other_turns.cached(self), contents.periodic
         if unrolled is not None:
@@ -1019,6 +1034,18 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.sampling import FreeCells
 
         return FreeCells(self._seen)
+
+    @lazy
+    def _turn_costs(self) -> Floats:
+        from cspace.map.search import turn_costs
+
+        return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
+
+    @lazy
+    def _guides(self) -> Guides:
+        from cspace.map.search import Guides
+
+        return Guides(self._seen, self._slice_of, self.rotations._neighbors, self._turn_costs)
 
     @lazy
     def _widest(self) -> Widest:

@@ -25,9 +25,11 @@ from ompl import base as ob
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
+from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
+from cspace.map.paths import in_time, pulled_straight
 from cspace.map.periodic import with_wrapped_angles
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
@@ -341,7 +343,11 @@ class EdgesOnMap(LocalPlanner):
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
         """Find a path by the map's own search "Grid" or "MaxClearance", shape (n, size)."""
         find = {GRID: self.space.find_path, MAX_CLEARANCE: self.space.find_widest_path}
-        return find[planner](*endpoints, straight=straight, time_limit=seconds)
+        until = clock() + seconds
+        path = find[planner](*endpoints, straight=straight, time_limit=seconds)
+        if self.exact and straight and len(path):  # shorter edges may touch MIXED cells
+            path = pulled_straight(path, self.space.rotations, in_time(self.edge_checker(), until))
+        return path
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return the metres and the radians that the robot moves along a path."""

@@ -1,8 +1,5 @@
 """Paths along chains of cells, for passages that samples of the whole space hardly ever find.
 
-If FREE cells join start and goal and the user names no planner, "Grid" follows them when the planner finds no path
-soon.
-
 If the map cannot decide whether a path exists, every path follows a chain of FREE and MIXED cells. The planner joins
 the FREE stretches of such a chain. Samples cross its MIXED stretches: they are drawn in and around each cell and moved
 from one cell to the next, and exact geometry proves them free and joins them.
@@ -23,24 +20,14 @@ from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
 from cspace.limits import MAX_MEMORY_FRACTION, free_bytes
 from cspace.map.search import open_chain
-from planners.catalogue import GRID
 from planners.local_planner import EdgesOnMap
-from planners.search import GRACE_SECONDS, Search, SearchResult
+from planners.search import Search, SearchResult
 from planners.states import Configuration
 
 Cells = Ints
 
 THROUGH_PASSAGES: Final = "through undecided passages"
 """Note of a path that crosses MIXED cells."""
-
-ALONG_FREE_CELLS: Final = "along FREE cells"
-"""Note of a path that "Grid" found after the planner had found none."""
-
-MAX_ITERATIONS_BEFORE_GRID: Final = 10_000
-"""Iterations of the planner before "Grid" takes over, about 0.02 s.
-
-The times of the planner have a long tail, and those of "Grid" do not. A count, unlike seconds, keeps plans repeatable.
-"""
 
 DRAWS_PER_CELL: Final = 2000
 """Configurations drawn for each cell of a passage."""
@@ -84,25 +71,6 @@ class Passages:
     edges: EdgesOnMap
     time_limit: float
     began: float = field(default_factory=clock)
-
-    def run_free(self, start: Configuration, goal: Configuration) -> SearchResult:
-        """Find a path between two configurations that FREE cells join: by the planner, or else by "Grid".
-
-        "Grid" has the rest of the time limit, and at least GRACE_SECONDS. If it finds no path either, the planner goes
-        on, unless its iterations are limited.
-        """
-        counted = self.search.iterations
-        soon = replace(self.search, iterations=counted or MAX_ITERATIONS_BEFORE_GRID)
-        result = soon.run(self.edges, start, goal, self.time_limit, joined=True)
-        if len(result.path):
-            return result
-        path = self.edges.search(GRID, (start, goal), self.search.simplify, None, max(self._left(), GRACE_SECONDS))
-        if len(path):
-            return SearchResult(path, ALONG_FREE_CELLS, clock() - self.began)
-        if counted or self._left() <= 0.0:
-            return replace(result, planning=clock() - self.began)
-        result = self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
-        return replace(result, planning=clock() - self.began - result.simplification)
 
     def run(self, start: Configuration, goal: Configuration) -> SearchResult:
         """Find a path between two configurations: by the planner, or else along a chain of undecided cells."""

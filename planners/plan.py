@@ -52,11 +52,11 @@ MAX_SEED: Final = 2**32 - 2
 MAX_SKIPPED_WAYPOINTS: Final = 32
 """Largest number of waypoints that one edge may skip to shorten a path through tiles."""
 
+GRID_TIME_SHARE: Final = 0.5
+"""Share of the time limit after which OMPL's default planner takes over from "Grid"."""
+
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan without a search, because every path would follow such a chain."""
-
-ON_LATTICE: Final = "on a lattice of headings"
-"""Note of a path that the lattice found."""
 
 _OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     "clearance": ClearanceObjective,
@@ -148,25 +148,27 @@ def plan(
 
     *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
     part of each common face. Only tiles on the way are opened, and the time limit holds for each tile. If the drive is
-    holonomic, "Grid" takes over in tiles where the planner finds no path, or from the start if no planner is named, the
-    objective is the length and ``iterations`` is not given. Straight paths are then shortened as a whole. Objectives
-    and drives apply tile by tile; ``exact`` and "overlap" need a map in memory.
+    holonomic, "Grid" takes over in tiles where the planner finds no path. Straight paths are then shortened as a whole.
+    Objectives and drives apply tile by tile; ``exact`` and "overlap" need a map in memory.
 
     *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in step, continuous joints
     the shorter way. The geometry itself proves every edge, so ``exact`` changes nothing. Angles of continuous joints in
     the path are not wrapped, so that straight motions join its rows. Drives, "Grid", "MaxClearance", "clearance" and
     "overlap" are for maps.
 
-    *Long searches.* If FREE cells join start and goal, RRTConnect mostly ends at once, but sometimes takes very long.
-    So "Grid" takes over after ten thousand iterations (or ``iterations``) if no planner is named, the drive is
-    holonomic and the objective is the length. It has the rest of the time limit, and at least 0.1 s. A named planner
-    keeps the whole search. Planners that go on improving their path (BITstar, InformedRRTstar, PRMstar, RRTstar,
-    SORRTstar) use up the time limit.
+    *Default.* Unless a planner, another objective or ``iterations`` is given, built-in searches go first if FREE cells
+    join start and goal. "Grid" plans for holonomic robots: in the plane no path through FREE cells is shorter, in other
+    spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes over if "Grid" takes
+    half the time limit, or "Lattice" has no path.
 
-    *Repeatable runs.* A seed sets OMPL's global seed generator, from which every planner, sampler and simplifier made
-    afterwards draws its own seed. So the same call with the same seed gives the same path, in any process and after any
-    other plans. Exceptions are searches that the clock ends (give ``iterations`` to planners that use up the time
-    limit), PRM and PRMstar, which search in a second thread, and OMPL used by other threads at the same time.
+    *Planners that improve.* BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar go on improving their path until
+    the time limit.
+
+    *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
+    planner, sampler and simplifier made afterwards draws its own seed. So the same call with the same seed gives the
+    same path, in any process and after any other plans. Exceptions are searches that the clock ends (give
+    ``iterations`` to planners that use up the time limit), PRM and PRMstar, which search in a second thread, and OMPL
+    used by other threads at the same time.
 
     Parameters
     ----------
@@ -176,11 +178,10 @@ def plan(
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped.
     planner : str, optional
         Name of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search, in upper or lower case. The
-        default is RRTConnect, for Dubins curves RRT, and for an arm BiRRT. If the objective is the length and neither
-        ``exact`` nor ``iterations`` is given, drives that are not holonomic begin with "Lattice".
+        default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
 
-        - "Grid", :meth:`cspace.CSpace.find_path`: a holonomic path in milliseconds if FREE cells join start and goal;
-          deterministic.
+        - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE cells join start and
+          goal; deterministic.
         - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and of these the
           shortest; deterministic unless the time limit ends it; not for maps in a store.
         - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others (2008); deterministic.
@@ -264,8 +265,8 @@ def plan(
     )
     exists = task.edges.prove_existence(task.endpoints)
     subproblems = space._tile_subproblems(*task.endpoints) if task.edges.may_join(exists) else []
-    if len(subproblems) > 1:
-        task = _prefer_grid_for_tiles(task)
+    if exists or len(subproblems) > 1:
+        task = _prefer_built_in(task)
     result = _search_tile_by_tile(task, subproblems, exists)
     searched = time.perf_counter()
     status, hint = _describe_outcome(task, result, exists, bool(subproblems))
@@ -330,7 +331,6 @@ def _check_arguments(
         iterations=_check_iterations(iterations, name),
         simplify=simplify,
         seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
-        falls_back=planner is None and objective == "length",
     )
     limit = check_positive(time_limit, "time_limit", "seconds")
     endpoints = edges.check_endpoint(start, "start"), edges.check_endpoint(goal, "goal")
@@ -404,13 +404,15 @@ def _make_objective(
     return lambda si: kind(si, cells, drive=drive, turning_radius=radius)
 
 
-def _prefer_grid_for_tiles(task: _Task) -> _Task:
-    """Choose the planner "Grid" for a path through several tiles, unless another option needs OMPL."""
-    search = task.search
-    options = task.objective, task.edges.drive, search.iterations
-    if task.is_named or options != ("length", HOLONOMIC, None):
+def _prefer_built_in(task: _Task) -> _Task:
+    """Choose a built-in search with OMPL's default planner as fallback, unless another option needs OMPL."""
+    edges, search = task.edges, task.search
+    is_holonomic = edges.drive == HOLONOMIC
+    if task.is_named or not isinstance(edges, EdgesOnMap) or (task.objective, search.iterations) != ("length", None):
         return task
-    return replace(task, search=replace(search, planner=GRID))
+    if edges.exact and not is_holonomic:
+        return task
+    return replace(task, search=replace(search, planner=GRID if is_holonomic else LATTICE, fallback=search.planner))
 
 
 def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exists: bool | None) -> SearchResult:
@@ -449,26 +451,36 @@ def _plan_subproblem(
     """Search a path in a space in memory: by a built-in search, along a chain of cells, or by OMPL."""
     if endpoints[0] == endpoints[1]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
-    by_default = search.falls_back and edges.drive != HOLONOMIC and not edges.exact and search.iterations is None
-    if isinstance(edges, EdgesOnMap) and (search.planner == LATTICE or by_default):
-        return _search_lattice(search, edges, endpoints, limit)
-    if search.planner in BUILT_IN_SEARCHES:
-        # A search from the start to itself fills the caches of the map, which the time limit leaves out.
-        edges.search(search.planner, (endpoints[0], endpoints[0]), search.simplify, search.seed, limit)
-        began = clock()
-        path = edges.search(search.planner, endpoints, search.simplify, search.seed, limit)
-        return SearchResult(path, "", clock() - began)
-    if isinstance(edges, EdgesOnMap) and edges.follows_cells:
-        passages = Passages(search, edges, limit)
-        if edges.exact and exists is None:
-            return passages.run(*endpoints)
-        if exists and search.falls_back:
-            return passages.run_free(*endpoints)
-    return search.run(edges, *endpoints, limit, joined=exists is True)
+    if search.planner not in BUILT_IN_SEARCHES:
+        if isinstance(edges, EdgesOnMap) and edges.follows_cells and edges.exact and exists is None:
+            return Passages(search, edges, limit).run(*endpoints)
+        return search.run(edges, *endpoints, limit, joined=exists is True)
+    if search.planner == LATTICE and isinstance(edges, EdgesOnMap):
+        result = _search_lattice(search, edges, endpoints, limit)
+    else:
+        result = _search_built_in(search, edges, endpoints, limit)
+    left = limit - result.planning
+    if len(result.path) or search.fallback is None or left <= 0.0:
+        return result
+    by_ompl = replace(search, planner=search.fallback, fallback=None)
+    other = by_ompl.run(edges, *endpoints, left, joined=exists is True)
+    note = f"by {search.fallback}, as {search.planner} found none" if len(other.path) else other.note
+    return replace(other, note=note, planning=result.planning + other.planning, lattice=result.lattice)
+
+
+def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float) -> SearchResult:
+    """Search by a built-in search; one with a fallback gets a share of the time limit."""
+    # A search from the start to itself fills the caches of the map, which the time limit leaves out.
+    edges.search(search.planner, (endpoints[0], endpoints[0]), False, search.seed, limit)
+    seconds = limit if search.fallback is None else max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
+    began = clock()
+    path = edges.search(search.planner, endpoints, search.simplify, search.seed, seconds)
+    note = NO_SEARCH if search.planner == GRID and len(path) == 2 else ""
+    return SearchResult(path, note, clock() - began)
 
 
 def _search_lattice(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
-    """Search the lattice of a drive, then by OMPL in the rest of the time, unless the lattice was named."""
+    """Search the lattice of a drive, and shorten its path."""
     from planners.lattice import find_lattice_path, shorten_path
 
     if edges.edge_checker()(*endpoints[0], *endpoints[1]):
@@ -476,15 +488,10 @@ def _search_lattice(search: Search, edges: EdgesOnMap, endpoints: Endpoints, lim
     began = clock()
     path, note = find_lattice_path(edges, endpoints, began + limit)
     planning = clock() - began
-    if len(path):
-        if not search.simplify:
-            return SearchResult(path, ON_LATTICE, planning)
-        path = shorten_path(edges, path, began + limit + GRACE_SECONDS)
-        return SearchResult(path, ON_LATTICE, planning, clock() - began - planning)
-    if search.planner == LATTICE or planning >= limit:
+    if not len(path) or not search.simplify:
         return SearchResult(path, "", planning, lattice=note)
-    result = search.run(edges, *endpoints, limit - planning, joined=True)
-    return replace(result, planning=planning + result.planning, lattice=note)
+    path = shorten_path(edges, path, began + limit + GRACE_SECONDS)
+    return SearchResult(path, "", planning, clock() - began - planning)
 
 
 def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None, searched: bool) -> tuple[str, str]:

@@ -177,8 +177,8 @@ class Search:
         Whether to simplify the path.
     seed : int or None
         Seed of OMPL's generators.
-    falls_back : bool
-        Whether "Grid" takes over if the planner finds no path soon.
+    fallback : str or None
+        Planner of OMPL that takes over if a built-in search runs out of time.
     """
 
     planner: str
@@ -186,7 +186,7 @@ class Search:
     iterations: int | None = None
     simplify: bool = True
     seed: int | None = None
-    falls_back: bool = False
+    fallback: str | None = None
 
     @property
     def may_stop(self) -> bool:

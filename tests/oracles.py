@@ -197,23 +197,26 @@ def link_cells(wide, periodic_axes, corners=True):
     """Return links ``(first, last, metres)`` between neighbouring True cells of 1 m.
 
     Two neighbours are linked if all cells touched on the way are True. Links cross sides, corners if ``corners``, and
-    the seam of periodic axes. Only the shortest link between two cells counts.
+    the seam of periodic axes. In a plane without such axes, they also lead two cells along one axis and one along the
+    other, if ``corners``. Only the shortest link between two cells counts.
     """
-
+    reach = 2 if corners and wide.ndim == 2 and not np.any(periodic_axes) else 1
     numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
     framed = []  # padded by the cells beside the first and the last
     for array, outside in ((wide, False), (numbers, -1)):
         for axis, wraps in enumerate(np.broadcast_to(periodic_axes, wide.ndim)):
-            widths = [(int(k == axis),) * 2 for k in range(wide.ndim)]
+            widths = [(reach * int(k == axis),) * 2 for k in range(wide.ndim)]
             array = np.pad(array, widths, **{"mode": "wrap"} if wraps else {"constant_values": outside})
         framed.append(np.lib.stride_tricks.sliding_window_view(array, wide.shape))
     beside = {
-        step: tuple(array[tuple(part + 1 for part in step)] for array in framed)
-        for step in product((-1, 0, 1), repeat=wide.ndim)
+        step: tuple(array[tuple(part + reach for part in step)] for array in framed)
+        for step in product(range(-reach, reach + 1), repeat=wide.ndim)
     }
+    signs = 1e-6 * np.array(list(product((-1, 1), repeat=wide.ndim)))
     for step in sorted(beside, key=np.linalg.norm)[1:]:
-        if corners or np.abs(step).sum() == 1:
-            touched = product(*({0, part} for part in step))
+        if np.gcd.reduce(step) == 1 and (corners or np.abs(step).sum() == 1):
+            points = np.linspace(0.0, 1.0, 41)[:, None, None] * step + signs  # around points of the link
+            touched = {tuple(cell) for cell in np.rint(points).astype(int).reshape(-1, wide.ndim).tolist()}
             can = np.logical_and.reduce([beside[part][0] for part in touched])
             first, last = numbers[can], beside[step][1][can]
             links.append(np.stack([first, last, np.full(len(first), np.linalg.norm(step))]))

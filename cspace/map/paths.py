@@ -1,4 +1,4 @@
-"""Paths along chains of cells, shortened by skipping waypoints."""
+"""Paths along chains of cells, shortened by skipping waypoints and cutting corners."""
 
 from __future__ import annotations
 
@@ -13,12 +13,18 @@ from cspace.arrays import Floats, Ints
 from cspace.compiling import clock
 from cspace.grid import Grid
 from cspace.rotations import Rotations
-from cspace.rotations.base import beside
+from cspace.rotations.base import METRES_PER_RADIAN, beside, wrapped
 
 Check = Callable[..., bool]
 
-SHORTENING_ROUNDS: Final = 2
-"""Number of times a path is shortened from either end."""
+MAX_CUTTING_ROUNDS: Final = 10
+"""Number of times the corners of a path are cut."""
+
+MIN_GAIN_SHARE: Final = 1e-3
+"""Share of the length that a round of cutting corners must gain for another to follow."""
+
+SHARES_PER_EDGE: Final = 64
+"""Number of parts of an edge that a cut corner may reach."""
 
 MAX_SHORTENING_SECONDS: Final = 0.1
 """Seconds after the time limit in which a path found in time may still be shortened."""
@@ -56,22 +62,56 @@ def in_time(check: Check, until: float) -> Check:
     return check if end == math.inf else lambda *both: clock() < end and check(*both)
 
 
-def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:
-    """Shorten a path by skipping waypoints.
+def pulled_straight(path: Floats, rotations: Rotations, check: Check) -> Floats:
+    """Shorten a path by skipping waypoints and cutting corners.
 
-    Every edge of ``points``, shape (n, size), passes ``check``, which takes the coordinates of two configurations. The
-    first ``dim`` coordinates are a position. Before the second round, long edges get points ``step`` metres apart.
+    Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two configurations. So
+    does every edge of the result.
     """
-    size = points.shape[1]
+    size = path.shape[1]
 
     def check_reversed(*q: float) -> bool:
         return check(*q[size:], *q[:size])  # check every edge in driving direction
 
-    path = points
-    for k in range(SHORTENING_ROUNDS):
-        path = _add_points(path, dim, step, check) if k else path
-        path = _skip_points(_skip_points(path, check)[::-1], check_reversed)[::-1]
+    path = _skip_points(_skip_points(path, check)[::-1], check_reversed)[::-1]
+    length = path_length(path, rotations)
+    for _ in range(MAX_CUTTING_ROUNDS):
+        path, before = _cut_corners(path, rotations, check), length
+        length = path_length(path, rotations)
+        if length > (1.0 - MIN_GAIN_SHARE) * before:
+            break
     return np.ascontiguousarray(path)
+
+
+def path_length(path: Floats, rotations: Rotations) -> float:
+    """Return the length of a path in metres, where a radian counts as :data:`METRES_PER_RADIAN`."""
+    steps, dim = rotations._steps_between(path[:-1], path[1:]), path.shape[1] - len(rotations.names)
+    lengths = np.linalg.norm(steps[:, :dim], axis=1) + METRES_PER_RADIAN * np.linalg.norm(steps[:, dim:], axis=1)
+    return float(lengths.sum())
+
+
+def _cut_corners(path: Floats, rotations: Rotations, check: Check) -> Floats:
+    """Replace each corner by the longest free edge between points at equal shares of the edges beside it."""
+    shares, kept = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None], [path[0]]
+    for corner, after in itertools.pairwise(path[1:]):
+        corners = np.repeat(corner[None], len(shares), axis=0)
+        backward = rotations._add_steps(corners, shares * rotations._steps_between(corner, kept[-1]))
+        forward = rotations._add_steps(corners, shares * rotations._steps_between(corner, after))
+        first, last = kept[-1].tolist(), after.tolist()
+        if check(*first, *last):
+            continue
+        low, high = 0, SHARES_PER_EDGE
+        while high - low > 1:
+            center = (low + high) // 2
+            before, beyond = backward[center].tolist(), forward[center].tolist()
+            # Rounding may make a part of a free edge fail.
+            if check(*before, *beyond) and check(*first, *before) and check(*beyond, *last):
+                low = center
+            else:
+                high = center
+        kept += [backward[low], forward[low]] if low else [corner]
+    is_yaw = [False] * (path.shape[1] - len(rotations.names)) + [name == "yaw" for name in rotations.names]
+    return wrapped(np.array([*kept, path[-1]]), is_yaw)
 
 
 def _skip_points(points: Floats, check: Check) -> Floats:
@@ -97,22 +137,3 @@ def _skip_points(points: Floats, check: Check) -> Floats:
                 blocked = center
         kept.append(farthest)
     return points[kept]
-
-
-def _add_points(points: Floats, dim: int, step: float, check: Check) -> Floats:
-    """Add points on edges that pass the check.
-
-    Rounding may make a piece fail.
-    """
-    rows = [points[:1]]
-    for a, b in itertools.pairwise(points):
-        if (a[dim:] != b[dim:]).any():
-            rows.append(b[None])
-            continue
-        count = max(1, int(np.linalg.norm(b - a) / step))
-        pieces = a + np.arange(1, count + 1)[:, None] / count * (b - a)
-        pieces[-1] = b
-        stops = np.vstack([a, pieces]).tolist()
-        proven = all(check(*p, *q) for p, q in itertools.pairwise(stops))
-        rows.append(pieces if proven else b[None])
-    return np.concatenate(rows)

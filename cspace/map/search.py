@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,21 +13,32 @@ from numpy.typing import NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Bytes, Floats, Ints
 from cspace.compiling import clock, jit, kernel
-from cspace.map.storage import Cells, Map, Stack, cells_of, check_bytes, state_in
+from cspace.map.storage import Cells, Map, Stack, cells_of, check_bytes, row_in, state_in
+from cspace.rotations import Rotations
+from cspace.rotations.base import METRES_PER_RADIAN
 
 Costs = NDArray[np.float32]
 Position = tuple[int, int, int]
 GridCell = tuple[int, int, int, int]
 """Rotation cell, and position along three axes."""
 
+SHORT_WEIGHT: Final = 1.05
+"""Weight of the remaining length in searches for short chains; the last few per cent cost most of the time."""
+
 GREEDY_WEIGHT: Final = 8.0
-"""Weight of the remaining length if any chain will do; above 1, chains are found sooner but are longer."""
+"""Weight of the remaining length if any chain will do, because the map is too large for the cost of each cell."""
 
-TURN_COST: Final = 4.0
-"""Cost of rotating into the next rotation cell, in cells, if any chain will do; straight moves are tried first."""
+MAX_COSTED_CELLS: Final = 2**29
+"""Largest number of cells of a map for which a search notes costs, of four bytes each."""
 
-MAX_DETOUR_CELLS: Final = 16.0
-"""Cells by which a chain may exceed the shortest chain over positions before the heuristic weakens."""
+MAX_DETOUR_CELLS: Final = 4.0
+"""Cells by which chains of a guide may exceed the shortest one before its estimates get rough."""
+
+GUIDE_BLOCKS: Final = 2, 4
+"""Cells along each side of the blocks of the guides of a search, finest first."""
+
+ROTATIONS_PER_GROUP: Final = 4
+"""Neighboring yaws that the finer guide of a search takes as one."""
 
 INFINITE_PERIOD: Final = 2**30
 """Stands for the period of an axis that is not periodic."""
@@ -67,8 +80,10 @@ class Graph(NamedTuple):
     turns : ndarray of float64, shape (rotations, n)
         Cost of rotating to each neighbor, in cells.
     moves : ndarray of int64, shape (m, 3)
-        Offsets to adjacent cells, across sides first, then across edges and corners. Cells touched by a move are
-        reached by earlier moves.
+        Offsets to near cells, shortest first: across sides, edges and corners, and in a plane without periodic axes
+        also two cells along one axis and one along the other. Cells touched by a move are reached by earlier moves.
+    reach : tuple of int, length 3
+        Largest offset along each axis.
     steps, lengths : ndarray, shape (m,)
         Change of the cell's index, and length in cells, of each move.
     parts : ndarray of int64, shape (m,)
@@ -84,6 +99,7 @@ class Graph(NamedTuple):
     neighbors: Ints
     turns: Floats
     moves: Ints
+    reach: Position
     steps: Ints
     lengths: Floats
     parts: Ints
@@ -94,44 +110,59 @@ class Graph(NamedTuple):
         """Build from states by slice, of shape (slices, ...)."""
         dim = states.ndim - 1
         nx, ny, nz = (1,) * (3 - dim) + tuple(states.shape[1:])
-        offsets = [(-1, 0, 1)] * dim
-        moves = np.stack(np.meshgrid(*[[0]] * (3 - dim), *offsets, indexing="ij"), axis=-1).reshape(-1, 3)
-        moves = moves[np.argsort(np.abs(moves).sum(axis=1), kind="stable")][1:]
-        touched = ((moves == 0) | (moves == moves[:, None])).all(axis=2)
-        parts, steps = (touched << np.arange(len(moves))).sum(axis=1), (moves * (ny * nz, nz, 1)).sum(axis=1)
+        # Around a short periodic axis, a move of two cells would be more than half a turn.
+        reach = (1, 1, 1) if dim == 3 else (0, 1, 1) if any(periodic_axes) else (0, 2, 2)
+        moves, parts = _moves_within(reach)
+        steps = (moves * (ny * nz, nz, 1)).sum(axis=1)
         periodic = (False,) * (3 - dim) + tuple(periodic_axes)
         i, j, k = (n if wraps else INFINITE_PERIOD for n, wraps in zip((nx, ny, nz), periodic, strict=True))
         cells, lengths = cells_of(states), np.linalg.norm(moves, axis=1)
-        return cls(cells, (nx, ny, nz), slice_of, neighbors, turns, moves, steps, lengths, parts, (i, j, k))
+        shape, periods = (nx, ny, nz), (i, j, k)
+        return cls(cells, shape, slice_of, neighbors, turns, moves, reach, steps, lengths, parts, periods)
 
-    def chain(
-        self, start: Ints, goal: Ints, until: float, *, greed: float = 1.0, free_positions: Graph | None = None
-    ) -> Ints:
-        """Return the shortest chain of FREE cells from start to goal.
+    def chain(self, start: Ints, goal: Ints, until: float, *, greed: float = 1.0, guides: Sequence[Guide] = ()) -> Ints:
+        """Return a short chain of FREE cells from start to goal.
 
         Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``. The chain has shape (n, 1 + d), where n is 0 if none
-        exists. If ``greed`` is above 1, return a longer chain sooner. ``free_positions`` has the positions that are
-        FREE at any rotation; lengths of shortest chains over them are the heuristic. Raises TimeoutError after
-        ``until``, in seconds of :data:`cspace.compiling.clock`.
+        exists. ``greed`` is the weight of the remaining length; above 1, longer chains are found sooner. ``guides`` are
+        coarser graphs, finest first. At weight 1, the chain is the shortest without guides, or with one guide whose
+        blocks are single cells. Raises TimeoutError after ``until``, in seconds of :data:`cspace.compiling.clock`.
         """
-        shape, size, bound = (len(self.slice_of), *self.shape[4 - len(start) :]), math.prod(self.shape), 0.0
+        shape = (len(self.slice_of), *self.shape[4 - len(start) :])
         start_index, goal_index = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (start, goal))
-        costs = np.empty(0, dtype=np.float32)
         if start_index == goal_index:
             return start[None]
-        if free_positions is not None:
-            task = Task(goal_index % size, start_index % size, 1.0, MAX_DETOUR_CELLS, costs, bound, np.zeros(1))
-            costs = free_positions._search(task, until).cost
-            bound = float(costs[start_index % size]) + MAX_DETOUR_CELLS
-        task = Task(start_index, goal_index, greed, 0.0, costs, bound, self._rotation_costs(goal[0]))
-        trace, indices = self._search(task, until), np.empty(0, dtype=np.int64)
+        heuristic = self._heuristic(start, goal, guides, until)
+        trace, indices = (
+            self._search(Task(start_index, goal_index, greed, 0.0, heuristic), until),
+            np.empty(0, np.int64),
+        )
         indices = np.empty(trace_back(self, trace.reached_by, start_index, goal_index, indices), dtype=np.int64)
         trace_back(self, trace.reached_by, start_index, goal_index, indices)
         return np.stack(np.unravel_index(indices, shape), axis=-1)
 
+    def _heuristic(self, start: Ints, goal: Ints, guides: Sequence[Guide], until: float) -> Heuristic:
+        """Return the estimate of the cost to the goal, by a search of the first guide from the goal back."""
+        rotation_costs, no_costs = self._rotation_costs(goal[0]), np.empty(0, dtype=np.float32)
+        if not guides:
+            same = np.zeros_like(rotation_costs)
+            return Heuristic(no_costs, (1, 1, 1), 1, 0.0, self.slice_of, rotation_costs, same)
+        guide, *coarser = guides
+        first, last = (np.array([guide.group_of[cell[0]], *(cell[1:] // guide.block)]) for cell in (goal, start))
+        shape = (len(guide.graph.slice_of), *guide.graph.shape[4 - len(start) :])
+        first_index, last_index = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (first, last))
+        relative = [each.relative_to(guide) for each in coarser]
+        task = Task(
+            first_index, last_index, 1.0, MAX_DETOUR_CELLS, guide.graph._heuristic(first, last, relative, until)
+        )
+        costs = guide.graph._search(task, until).cost
+        least = guide.block * (float(costs[last_index]) + MAX_DETOUR_CELLS)
+        rest = rotation_costs if shape[0] == 1 else np.zeros_like(rotation_costs)
+        return Heuristic(costs, guide.graph.shape, guide.block, least, guide.group_of, rotation_costs, rest)
+
     def _search(self, task: Task, until: float) -> Trace:
         """Expand cells until the search ends, growing the queue as needed."""
-        trace = Trace.of(len(self.slice_of) * math.prod(self.shape), task.start, task.greed > 1.0)
+        trace = Trace.of(len(self.slice_of) * math.prod(self.shape), task.start, task.greed >= GREEDY_WEIGHT)
         while not expand_cells(self, task, trace):
             check_deadline(until)
             if trace.state[3] + len(self.moves) + self.neighbors.shape[1] >= len(trace.next_entry):
@@ -150,6 +181,83 @@ class Graph(NamedTuple):
         return costs
 
 
+@cache
+def _moves_within(reach: Position) -> tuple[Ints, Ints]:
+    """Return the moves to near cells, shape (m, 3), and for each a bit mask of the moves to the cells it touches.
+
+    The offsets of a move have no common divisor. Short moves come first.
+    """
+    offsets = product(*(range(-each, each + 1) for each in reach))
+    moves = sorted((each for each in offsets if math.gcd(*each) == 1), key=lambda each: sum(x * x for x in each))
+    parts = [sum(_touches(move, cell) << bit for bit, cell in enumerate(moves)) for move in moves]
+    return np.array(moves), np.array(parts)
+
+
+def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
+    """Return whether the segment from the center of the first cell to that of ``move`` touches a closed cell."""
+    first, last = 0.0, 1.0
+    for step, offset in zip(move, cell, strict=True):
+        if step == 0 and offset != 0:
+            return False
+        if step != 0:
+            sides = (offset - 0.5) / step, (offset + 0.5) / step
+            first, last = max(first, min(sides)), min(last, max(sides))
+    return first <= last
+
+
+class Guide(NamedTuple):
+    """A coarse graph, whose chains tell how far the goal is.
+
+    Attributes
+    ----------
+    graph : Graph
+        Its rotation cells are groups of those of the fine graph, and its cells are blocks.
+    group_of : ndarray of int64, shape (rotations,)
+        Group of each rotation cell of the fine graph.
+    block : int
+        Cells of the fine graph along each side of a block.
+    """
+
+    graph: Graph
+    group_of: Ints
+    block: int
+
+    def relative_to(self, finer: Guide) -> Guide:
+        """Return this guide for the graph of a finer guide."""
+        first_members = np.unique(finer.group_of, return_index=True)[1]
+        return Guide(self.graph, self.group_of[first_members], self.block // finer.block)
+
+
+class Heuristic(NamedTuple):
+    """Estimate of the cost from a cell to the goal.
+
+    Attributes
+    ----------
+    costs : ndarray of float32
+        Cost of the cells of a guide, in its own cells; zero where not computed. Empty without a guide.
+    shape : tuple of int, length 3
+        Shape of a slice of the guide.
+    block : int
+        Cells along each side of a guide's cell.
+    min_cost : float
+        Cost of the shortest chain that passes a cell whose cost was not computed.
+    group_of : ndarray of int64, shape (rotations,)
+        Rotation cell of the guide for each rotation cell.
+    rotation_costs : ndarray of float64, shape (rotations,)
+        Minimum cost of rotating from each rotation cell to the goal's.
+    rest : ndarray of float64, shape (rotations,)
+        The same, or zero if the guide's costs contain rotations.
+    """
+
+    costs: Costs
+    shape: Position
+    block: int
+    min_cost: float
+    group_of: Ints
+    rotation_costs: Floats
+    rest: Floats
+
+
 class Task(NamedTuple):
     """Parameters of a search.
 
@@ -161,22 +269,14 @@ class Task(NamedTuple):
         Weight of the remaining length relative to the length so far.
     margin : float
         Expand cells on chains up to this many cells longer than the shortest chain.
-    position_costs : ndarray of float32
-        Length of the shortest chain from each position to the goal's, at any rotation; zero where not computed. Empty
-        if unknown.
-    min_length : float
-        Lower bound of the length of chains over positions that were not computed.
-    rotation_costs : ndarray of float64, shape (rotations,)
-        Minimum cost of rotating from each rotation cell to the goal's.
+    heuristic : Heuristic
     """
 
     start: int
     goal: int
     greed: float
     margin: float
-    position_costs: Costs
-    min_length: float
-    rotation_costs: Floats
+    heuristic: Heuristic
 
 
 class Trace(NamedTuple):
@@ -227,6 +327,129 @@ class Trace(NamedTuple):
         )
 
 
+def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
+    """Return the cost of rotating to each neighbor of each rotation cell, in cells, shape (rotations, n)."""
+    centers = np.column_stack([np.zeros((len(rotations), dim)), rotations.centers])
+    steps = rotations._steps_between(centers[:, None], centers[rotations._neighbors])
+    return np.asarray(METRES_PER_RADIAN / spacing * np.linalg.norm(steps, axis=-1))
+
+
+class Coarse:
+    """A coarse copy of a map: the lowest state in each block of cells and group of rotations.
+
+    Parameters
+    ----------
+    cells : Cells
+        States of all slices in a row.
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    shape : sequence of int
+        Shape of a slice.
+    group_of : ndarray of int64, shape (rotations,)
+        Group of each rotation cell.
+    block : int
+        Cells along each side of a block.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (groups, ...)
+        FREE if any cell of the block is at any rotation of the group. They follow changes of the map.
+    """
+
+    def __init__(self, cells: Cells, slice_of: Ints, shape: Sequence[int], group_of: Ints, block: int) -> None:
+        self.group_of, self.block, self._cells = group_of, block, cells
+        i, j, k = (1,) * (3 - len(shape)) + tuple(shape)
+        self._shape = i, j, k
+        groups = [np.unique(slice_of[group_of == group]) for group in range(int(group_of.max()) + 1)]
+        self._first = np.cumsum([0, *map(len, groups)])
+        self._slices = np.concatenate(groups)
+        self.states = np.empty((len(groups), *(-(-n // block) for n in shape)), dtype=np.uint8)
+        self._write(np.array([0, 0, 0, *(n - 1 for n in self._shape)]))
+
+    def refresh(self, boxes: Ints) -> None:
+        """Renew the states in the box around changes; ``boxes`` has the box of each slice, shape (slices, 6)."""
+        self._write(np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)]))
+
+    def _write(self, box: Ints) -> None:
+        layered = self.states.reshape(len(self.states), *(-(-n // self.block) for n in self._shape))
+        write_lowest(self._cells, self._shape, self._first, self._slices, self.block, box // self.block, layered)
+
+
+class Guides:
+    """Coarse copies of a map that guide searches for short chains; they follow changes of the map.
+
+    Parameters
+    ----------
+    states : Stack
+        States by slice.
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    neighbors : ndarray of int64, shape (rotations, n)
+        Adjacent rotation cells, padded with -1.
+    turns : ndarray of float64, shape (rotations, n)
+        Cost of rotating to each neighbor, in cells.
+    """
+
+    def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, turns: Floats) -> None:
+        count, shape, dim = len(slice_of), states.shape[1:], states.ndim - 1
+        order = np.arange(count)
+        is_ring = np.array_equal(neighbors, np.column_stack([order - 1, order + 1]) % count)
+        groups = count // ROTATIONS_PER_GROUP if is_ring else 1
+        group_of = order * groups // count if groups > 2 else np.zeros_like(order)
+        each = (group_of, GUIDE_BLOCKS[0]), (np.zeros_like(order), GUIDE_BLOCKS[1])
+        self._levels = [Coarse(cells_of(states), slice_of, shape, *level) for level in each]
+        self._turn, self._dim = float(turns.max(initial=0.0)) * count, dim
+
+    def refresh(self, boxes: Ints) -> None:
+        """Renew the copies in the box around changes; ``boxes`` has the box of each slice, shape (slices, 6)."""
+        for level in self._levels:
+            level.refresh(boxes)
+
+    def all(self) -> list[Guide]:
+        """Return the guides, finest first."""
+        return [self._guide(level) for level in self._levels]
+
+    def _guide(self, level: Coarse) -> Guide:
+        count = len(level.states)
+        order = np.arange(count)
+        neighbors = np.column_stack([order - 1, order + 1]) % count if count > 1 else np.empty((1, 0), dtype=np.int64)
+        turns = np.full(neighbors.shape, self._turn / (count * level.block))
+        graph = Graph.of(level.states, order, neighbors, turns, [False] * self._dim)
+        return Guide(graph, level.group_of, level.block)
+
+
+@jit
+def write_lowest(
+    cells: Cells, shape: Position, first: Ints, slices: Ints, block: int, box: Ints, lowest: Bytes
+) -> None:
+    """Write the lowest states of the blocks from the first to the last of a box.
+
+    Group g has ``slices[first[g]:first[g + 1]]``. ``lowest`` has shape (groups, x, y, z).
+    """
+    nx, ny, nz = shape
+    width = 64 // block * block
+    for group in range(len(first) - 1):
+        for x in range(box[0], box[3] + 1):
+            for y in range(box[1], box[4] + 1):
+                for k in range(box[2] * block, min((box[5] + 1) * block, nz), width):
+                    count = min(width, nz - k)
+                    not_free = blocked = ~np.uint64(0)
+                    for s in slices[first[group] : first[group + 1]]:
+                        for i in range(x * block, min((x + 1) * block, nx)):
+                            for j in range(y * block, min((y + 1) * block, ny)):
+                                row = ((s * nx + i) * ny + j) * nz + k
+                                a, b = row_in(cells, row, count)
+                                not_free, blocked = not_free & a, blocked & b
+                        if not_free == 0:
+                            break
+                    mask = (np.uint64(1) << np.uint64(block)) - np.uint64(1)
+                    for z in range(k // block, -(-(k + count) // block)):
+                        low = np.uint64(z * block - k)
+                        free = (~not_free >> low) & mask
+                        passable = (~blocked >> low) & mask
+                        lowest[group, x, y, z] = FREE if free else MIXED if passable else BLOCKED
+
+
 def check_deadline(until: float) -> None:
     """Raise TimeoutError after ``until``, in seconds of :data:`cspace.compiling.clock`."""
     if clock() > until:
@@ -271,8 +494,8 @@ def _free_moves(graph: Graph, first: int, at: GridCell) -> int:
     ``first`` is the index of the first cell of the slice.
     """
     (nx, ny, nz), (_, i, j, k), position = graph.shape, at, (at[1] * graph.shape[1] + at[2]) * graph.shape[2] + at[3]
-    free, allowed, x_layers = 0, 0, 1 if len(graph.moves) > 8 else 0
-    if x_layers <= i < nx - x_layers and 0 < j < ny - 1 and 0 < k < nz - 1:
+    (x_reach, y_reach, z_reach), free, allowed = graph.reach, 0, 0
+    if x_reach <= i < nx - x_reach and y_reach <= j < ny - y_reach and z_reach <= k < nz - z_reach:
         for move in range(len(graph.moves)):
             free |= (state_in(graph.cells, first + position + graph.steps[move]) == FREE) << move
     else:
@@ -294,18 +517,27 @@ def _empty_grid_distance(graph: Graph, a: Position, b: Position) -> float:
     i, j, k = min(i, graph.periods[0] - i), min(j, graph.periods[1] - j), min(k, graph.periods[2] - k)
     largest, smallest = max(i, j, k), min(i, j, k)
     between = i + j + k - largest - smallest
+    if graph.reach[2] == 2:  # in the plane, where the smallest is zero
+        long_moves = min(between, largest - between)
+        straight, diagonal = largest - between - long_moves, between - long_moves
+        return straight + math.sqrt(2.0) * diagonal + math.sqrt(5.0) * long_moves
     return largest + (math.sqrt(2.0) - 1.0) * between + (math.sqrt(3.0) - math.sqrt(2.0)) * smallest
 
 
 @kernel
-def _heuristic(graph: Graph, task: Task, start: Position, goal: Position, rotation: int, at: Position) -> float:
-    """Return a lower bound of the cost from a cell to the goal."""
+def _estimate(graph: Graph, by: Heuristic, start: Position, goal: Position, rotation: int, at: Position) -> float:
+    """Return an estimate of the cost from a cell to the goal."""
     remaining = _empty_grid_distance(graph, at, goal)
-    if len(task.position_costs):
-        exact = task.position_costs[(at[0] * graph.shape[1] + at[1]) * graph.shape[2] + at[2]]
-        fallback = task.min_length - _empty_grid_distance(graph, at, start)
-        remaining = max(remaining, min(exact, fallback) if exact > 0.0 or at == goal else fallback)
-    return remaining + float(task.rotation_costs[rotation])
+    estimate = remaining + float(by.rotation_costs[rotation])
+    if len(by.costs):
+        i, j, k = at
+        if by.block > 1:
+            i, j, k = i // by.block, j // by.block, k // by.block
+        guided = by.block * by.costs[((by.group_of[rotation] * by.shape[0] + i) * by.shape[1] + j) * by.shape[2] + k]
+        elsewhere = by.min_cost - _empty_grid_distance(graph, at, start)
+        guided = min(guided, elsewhere) if guided > 0.0 or remaining < by.block else elsewhere
+        estimate = max(estimate, guided + float(by.rest[rotation]))
+    return estimate
 
 
 @kernel
@@ -320,7 +552,9 @@ def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
     cost_to, reached_by, buckets, waiting, next_entry, costs, state = trace
     n_waiting, lowest, free_entry, n_used = int(state[0]), int(state[1]), int(state[2]), int(state[3])
     goal_cost = state[4]
-    degree, greedy = straight + graph.neighbors.shape[1], task.greed > 1.0
+    degree, greedy = straight + graph.neighbors.shape[1], len(cost_to) == 0
+    # If estimates are not consistent, cells would be expanded very often again for little gain.
+    is_rough = task.greed > 1.0 or task.heuristic.block > 1
     _, si, sj, sk = _split_index(graph, task.start % size)
     _, gi, gj, gk = _split_index(graph, task.goal % size)
     for _ in range(CELLS_PER_CLOCK_CHECK):
@@ -358,7 +592,10 @@ def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
                 cost = cost_here + graph.turns[rotation, move - straight]
             position = (u * graph.shape[1] + v) * graph.shape[2] + w
             next_cell = next_rotation * size + position
-            if reached_by[next_cell] and (greedy or cost >= cost_to[next_cell] * (1.0 - ROUNDING_SHARE)):
+            reached = reached_by[next_cell]
+            if reached and (greedy or (is_rough and reached & EXPANDED)):
+                continue
+            if reached and cost >= cost_to[next_cell] * (1.0 - ROUNDING_SHARE):
                 continue
             if move >= straight:
                 if state_in(graph.cells, graph.slice_of[next_rotation] * size + position) != FREE:
@@ -366,7 +603,7 @@ def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
                 # Store the column in which the next rotation cell has this one as neighbor, for tracing back.
                 while graph.neighbors[next_rotation, arrival - straight] != rotation:
                     arrival += 1
-            remaining = _heuristic(graph, task, (si, sj, sk), (gi, gj, gk), next_rotation, (u, v, w))
+            remaining = _estimate(graph, task.heuristic, (si, sj, sk), (gi, gj, gk), next_rotation, (u, v, w))
             if cost + remaining >= goal_cost + task.margin:
                 continue
             reached_by[next_cell] = arrival + 1

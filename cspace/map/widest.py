@@ -29,10 +29,9 @@ from cspace.map.components import Components
 from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
 from cspace.map.periodic import below_half_a_turn
-from cspace.map.search import Graph, check_deadline
+from cspace.map.search import Graph, Guide, check_deadline, turn_costs
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
-from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.threads import cores, in_chunks, in_threads
 
 Levels = NDArray[np.uint16]
@@ -106,9 +105,7 @@ class Widest:
             layered[s] = compute_periodic_levels(state.reshape(layered.shape[1:]), blocked_axes[s], periodic)
 
         in_threads(fill, list(enumerate(states)), cores())
-        centers = np.column_stack([np.zeros((len(rotations), levels.ndim - 1)), rotations.centers])
-        turns = np.linalg.norm(rotations._steps_between(centers[:, None], centers[rotations._neighbors]), axis=-1)
-        costs = METRES_PER_RADIAN / map_.spacing * turns
+        costs = turn_costs(rotations, levels.ndim - 1, map_.spacing)
         return cls(levels, map_.slice_of, rotations, costs, periodic_axes, blocked_axes)
 
     def refresh(self, boxes: Ints) -> None:
@@ -196,12 +193,13 @@ class Widest:
 
         The result has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
-        states, free_positions = self.states(min_level), None
+        states, guides = self.states(min_level), []
         graph = Graph.of(states, self.slice_of, self.rotations._neighbors, self.turns, self.periodic_axes)
         if len(self.slice_of) > 1:
             no_rotations = np.zeros(1, dtype=np.int64), self.rotations._neighbors[:1, :0], self.turns[:1, :0]
-            free_positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations, self.periodic_axes)
-        return graph.chain(start, goal, until, free_positions=free_positions)
+            positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations, self.periodic_axes)
+            guides.append(Guide(positions, np.zeros_like(self.slice_of), 1))
+        return graph.chain(start, goal, until, guides=guides)
 
 
 def _with_three_axes(levels: Levels) -> Levels:
@@ -404,7 +402,7 @@ def find_widest_path(
         if begin < end:
             wide_map = _cut_wide_map(widest, map_, cells[max(begin - 1, 0) : end, 1:], min_level)
             is_free = in_time(below_half_a_turn(edge_checker(wide_map, path.shape[1]), widest.periodic_axes), until)
-            pieces.append(pulled_straight(path[begin : end + 1], grid.dim, is_free, 2.0 * grid.spacing)[1:])
+            pieces.append(pulled_straight(path[begin : end + 1], rotations, is_free)[1:])
     return np.concatenate(pieces)
 
 

@@ -131,7 +131,7 @@ def test_validity_checker_returns_the_obstacle_distance_as_clearance(tmp_path: P
     ({"goal": (0.0,)}, r"goal has shape \(1,\)"),
     ({"goal": (0.0, np.nan)}, "nan"),
     ({"planner": "Grid"}, "BiRRT is for arms, Grid"),
-    ({"planner": "MaxClearance"}, "MaxClearance are for maps"),
+    ({"planner": "MaxClearance"}, "Lattice are for maps"),
     ({"objective": "clearance"}, "objective is for maps.*weighs cells"),
     ({"objective": "overlap"}, "objective is for maps"),
     ({"drive": "differential"}, "it is for the axes .x, y, yaw."),

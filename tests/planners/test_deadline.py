@@ -117,12 +117,14 @@ def test_a_simplification_that_takes_too_long_is_cut_off(monkeypatch: pytest.Mon
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Slow)
-    plan = in_time(build_room("space"), ENDPOINTS["space"], seed=1)
+    plan = in_time(build_room("space"), ENDPOINTS["space"], planner="RRTConnect", seed=1)
     assert calls and (plan.certified or not plan.solved)
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"planner": "RRTstar"}, {"planner": "RRTstar", "objective": "clearance"}], ids=str
+    "options",
+    [{"planner": "RRTConnect"}, {"planner": "RRTstar"}, {"planner": "RRTstar", "objective": "clearance"}],
+    ids=str,
 )
 def test_compiling_takes_no_time_from_the_search(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []

@@ -204,14 +204,15 @@ def test_no_point_of_a_path_collides(drive: str) -> None:
     # Rectangles along the path avoid every obstacle, by shapely.
     space = build_room("turning")
     lengths = []
-    for seed in range(4):
-        plan = planners.plan(space, *ENDPOINTS["turning"], drive=drive, seed=seed, time_limit=20.0)
+    for seed, planner in enumerate((None, "RRTConnect", "RRTConnect", "RRTConnect")):
+        options = {"drive": drive, "planner": planner, "seed": seed, "time_limit": 20.0}
+        plan = planners.plan(space, *ENDPOINTS["turning"], **options)
         check(space, plan, *ENDPOINTS["turning"])
         check_driven(plan, drive)
         assert space.certify_path(plan.path).all() and space.certify_path(plan.waypoints).all()
         for first, last in itertools.pairwise(plan.waypoints):
             assert not collides(space, driven(first, last, drive, 20)).any()
-        rough = planners.plan(space, *ENDPOINTS["turning"], drive=drive, seed=seed, time_limit=20.0, simplify=False)
+        rough = planners.plan(space, *ENDPOINTS["turning"], simplify=False, **options)
         check(space, rough, *ENDPOINTS["turning"])
         lengths.append(rough.length / plan.length)
     assert min(lengths) >= 1 - 1e-9 and max(lengths) > 1.02

@@ -119,7 +119,7 @@ def test_a_plan_from_the_goal_stays_there(name: str, curve: str | None) -> None:
 def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | None) -> None:
     space, endpoints, gains, directions = build_room(name), endpoints_in(name, curve), [], set()
     for seed in range(3):
-        planner = {"dubins": "RRT", "reeds-shepp": "RRTConnect"}.get(curve or "")
+        planner = "RRT" if curve == "dubins" else "RRTConnect"
         options = {"planner": planner, "seed": seed, "time_limit": 20.0, **options_for(curve)}
         rough, short = (planners.plan(space, *endpoints, simplify=simplify, **options) for simplify in (False, True))
         for plan in (rough, short):
@@ -158,7 +158,7 @@ def test_a_path_with_false_motions_is_not_certified(
             return True
 
     monkeypatch.setattr("planners.setup.MotionValidator", Lenient)
-    options = options_for(curve) | ({"planner": "RRT"} if curve else {})
+    options = {"planner": "RRT" if curve else "RRTConnect", **options_for(curve)}
     plan = planners.plan(build_room(name), *endpoints_in(name, curve), simplify=False, **options)
     assert plan.solved and not plan.certified and "not certified" in repr(plan)
     assert plan.clearance == 0.0 or curve is not None

@@ -26,7 +26,7 @@ def path():
     occupied[20, :30] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.15))
     for seed in range(3):
-        found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0)
+        found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="RRTConnect", seed=seed, time_limit=20.0)
     return found.path.tolist()
 
 def growth(name):
@@ -77,7 +77,8 @@ def test_planners_are_imported_without_rarely_used_parts_of_scipy(printed: dict[
 
 def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> None:
     space = build(Workspace.from_array(fill_boxes((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
-    paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0).path.tolist() for seed in (2, 1)]
+    options = {"planner": "RRTConnect", "time_limit": 20.0}
+    paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, **options).path.tolist() for seed in (2, 1)]
     assert printed["path"] == paths[0] != paths[1]
 
 
