@@ -158,8 +158,8 @@ def plan(
 
     *Default.* Unless a planner, another objective or ``iterations`` is given, built-in searches go first if FREE cells
     join start and goal. "Grid" plans for holonomic robots: in the plane no path through FREE cells is shorter, in other
-    spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes over if "Grid" takes
-    half the time limit, or "Lattice" has no path.
+    spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes over if "Grid"
+    needs half the time limit, or "Lattice" has no path.
 
     *Planners that improve.* BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar go on improving their path until
     the time limit.
