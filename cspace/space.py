@@ -47,6 +47,7 @@ from cspace.map.storage import (
 )
 from cspace.raster import Raster
 from cspace.rotations import Rotations
+from cspace.rotations.base import shorter
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
 from cspace.threads import MIN_ITEMS_PER_THREAD
@@ -531,6 +532,42 @@ class CSpace(ConfigurationMap, MapExport):
                 if self.certify_path(pushed).all():
                     return pushed
         return np.empty((0, self.size))
+
+    def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
+        """Bound the length of every collision-free path between two configurations from below.
+
+        A point that is BLOCKED at all rotations is on no path, within the grid or outside. In the plane, the bound is
+        the length of the shortest path among the other points. In space, it is the largest of three such lengths, of
+        projections along each axis, extended by the difference along that axis. Rotations count nothing.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,)
+            Configurations in the grid.
+
+        Returns
+        -------
+        float
+            Metres; infinity if BLOCKED cells separate the two. On a map with periodic axes, the straight distance.
+
+        Raises
+        ------
+        InputError
+            If a coordinate is not finite.
+        ConfigurationError
+            If a configuration is not in the grid.
+        """
+        from cspace.map.any_angle import min_length
+        from cspace.map.search import Coarse
+
+        grid, endpoints = self.grid, np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
+        positions = endpoints[:, : grid.dim]
+        if any(self.periodic_axes):
+            return float(np.linalg.norm(shorter(positions[1] - positions[0], self.periodic_axes)))
+        one_group = np.zeros_like(self._slice_of)
+        lowest = Coarse(cells_of(self._seen), self._slice_of, grid.shape, one_group, 1).states[0]
+        is_open = not self._exterior.is_all_blocked(grid.shape).all()
+        return grid.spacing * min_length(lowest, is_open, *((positions - grid.lower) / grid.spacing))
 
     def find_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
@@ -1107,6 +1144,14 @@ class CSpace(ConfigurationMap, MapExport):
         sums = self._outer_sums if outer else self._inner_sums
         query = self._backend.query(overlaps, sums.counts, self._runs, int(exterior_blocked))
         return evaluate_batch(q, self.size, query, np.int64, int, angles=self._angles)
+
+    def _in_grid(self, q: ArrayLike, name: str) -> Floats:
+        """Return one configuration in the grid, its yaw in [-pi, pi)."""
+        point = self.rotations._make_canonical(self._check_configurations(q, name), name)
+        if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]):
+            rule = "it must be one configuration in the grid"
+            raise ConfigurationError(name, f"is {q!r}", rule, "ask grid.lower and grid.upper", value=q)
+        return point
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""

@@ -67,6 +67,9 @@ ON_THE_SPOT: Final = tuple(name for name in _CURVE_SPACES if name not in CURVES)
 DRIVES: Final = (HOLONOMIC, *ON_THE_SPOT, *CURVES)
 """All drives."""
 
+LENGTH_ROUNDING_SHARE: Final = 1e-12
+"""Share by which rounding may change a length."""
+
 JOINT_CHECKING_STEP: Final = 0.01
 """Distance in the joints (rad, m) between the states that OMPL checks when it steps along an arm's motion by itself."""
 
@@ -207,6 +210,10 @@ class LocalPlanner(ABC):
     @abstractmethod
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return :attr:`planners.Plan.length` and :attr:`planners.Plan.total_rotation` of a path."""
+
+    @abstractmethod
+    def min_length(self, first: Floats, last: Floats) -> float:
+        """Bound the length of all free paths between two configurations, with weighted rotations, from below."""
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:
@@ -353,6 +360,14 @@ class EdgesOnMap(LocalPlanner):
         """Return the metres and the radians that the robot moves along a path."""
         pieces = self.split_path(path, math.inf, math.inf)
         return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
+
+    def min_length(self, first: Floats, last: Floats) -> float:
+        """Bound the length of all free paths between two configurations, with weighted rotations, from below."""
+        space: ConfigurationMap = self.space
+        steps, dim = space.rotations._steps_between(first, last), space.grid.dim
+        straight = float(np.linalg.norm(steps[:dim]))
+        metres = space.min_path_length(first, last) if isinstance(space, CSpace) else straight
+        return (1.0 - LENGTH_ROUNDING_SHARE) * (metres + self.rotation_weight * float(np.linalg.norm(steps[dim:])))
 
     def clearance(self, path: Floats) -> float:
         """Bound the clearance along a path from below, metres.
@@ -716,6 +731,10 @@ class JointMotions(LocalPlanner):
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return the length of a path in the joints, and 0 for its rotation."""
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
+
+    def min_length(self, first: Floats, last: Floats) -> float:
+        """Return the length of the straight motion in the joints, less rounding."""
+        return (1.0 - LENGTH_ROUNDING_SHARE) * float(self.edge_lengths(first[None], last[None])[0])
 
     def clearance(self, path: Floats) -> float:
         """Return NaN: an arm has no cells."""

@@ -18,7 +18,8 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.rotations import Rotations
-from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
+from cspace.rotations.base import METRES_PER_RADIAN
+from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
 from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
@@ -153,10 +154,11 @@ class Plan:
     space: ConfigurationSpace | None = None
     _clearance: float = math.nan
     _obstacle_distance: float = math.nan
+    _lower_bound: float = math.nan
 
     def __getstate__(self) -> list[Any]:
         """Return the state for pickling, without the map."""
-        left = {"space": None, "_clearance": self.clearance}
+        left = {"space": None, "_clearance": self.clearance, "_lower_bound": self.lower_bound}
         if math.isnan(self.clearance):
             left["_obstacle_distance"] = self.obstacle_distance
         return [left.get(each.name, getattr(self, each.name)) for each in fields(self)]
@@ -188,6 +190,30 @@ class Plan:
         """
         edges = self._edges
         return edges.obstacle_distance(self.waypoints) if edges else self._obstacle_distance
+
+    @property
+    def lower_bound(self) -> float:
+        """Proven lower bound of the length of all collision-free paths from start to goal, metres.
+
+        A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound comes from
+        :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal; in a store and for an arm, it is
+        the straight distance. It holds for the obstacles as they are now, and for a robot that may move in any
+        direction. NaN if not solved. Computed at each access.
+        """
+        edges = self._edges
+        return edges.min_length(self.start, self.goal) if edges else self._lower_bound
+
+    @property
+    def gap(self) -> float:
+        """Share by which the path may be longer than the shortest one: its weighted length / lower bound - 1.
+
+        NaN if not solved. No path is known to be shorter than the bound, so the true share may be far smaller.
+        """
+        weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
+        length, bound = self.length + weight * self.total_rotation, self.lower_bound
+        if bound > 0.0:
+            return max(0.0, length / bound - 1.0)
+        return math.inf if length > 0.0 else length
 
     @property
     def shown_distance(self) -> tuple[str, float]:
@@ -495,8 +521,8 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        names = [each.name for each in fields(self) if each.name not in ("space", "_clearance", "_obstacle_distance")]
-        names += ["clearance", "obstacle_distance"]
+        names = [each.name for each in fields(self) if each.name != "space" and not each.name.startswith("_")]
+        names += ["clearance", "obstacle_distance", "lower_bound", "gap"]
         record = {name: _plain(getattr(self, name)) for name in names}
         with replacing(path, overwrite) as temporary:
             temporary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", "utf-8", newline="")

@@ -16,16 +16,22 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import FREE, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, States
 from cspace.compiling import jit, kernel
 from cspace.map.search import check_deadline
-from cspace.map.storage import Cells, row_in, state_in, zeros_below
+from cspace.map.storage import Cells, read_only, row_in, state_in, zeros_below
 
 NODES_PER_STEP: Final = 2**13
 """Search nodes expanded between two looks at the clock: about a millisecond."""
 
 ROUNDING: Final = 1e-9
 """Cells within which the end of a visible interval counts as the corner next to it."""
+
+MAX_ERROR_PER_CELL: Final = 1e-8
+"""Cells by which rounding may lengthen a shortest path, for each cell of its length.
+
+Corners are at least a cell apart, and each adds a few times :data:`ROUNDING`.
+"""
 
 INITIAL_CAPACITY: Final = 2**10
 """Nodes for which there is memory at first; it doubles as needed."""
@@ -133,6 +139,40 @@ def shortest_path(
         check_deadline(until)
         front = _with_room(front)
     return _traced(front, start, goal)
+
+
+def min_length(states: States, is_open: bool, start: Floats, goal: Floats) -> float:
+    """Bound the length of paths through cells that are not BLOCKED from below, in cells.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (n, m) or (n, m, k)
+    is_open : bool
+        Whether paths may also leave the grid. A path outside it is no shorter than along its border.
+    start, goal : ndarray of float64, shape (d,)
+        Points in the grid, in cells.
+
+    Returns
+    -------
+    float
+        Infinity if there is no such path. Rounding is subtracted.
+    """
+    framed = np.pad(states, 1, constant_values=MIXED if is_open else BLOCKED)
+    length = float(np.linalg.norm(goal - start))
+    if framed.ndim == 2:
+        length = max(length, _length_among(framed, start, goal))
+    else:
+        for axis, height in enumerate((goal - start).tolist()):
+            flat = _length_among(framed.min(axis=axis), np.delete(start, axis), np.delete(goal, axis))
+            length = max(length, math.hypot(flat, height))
+    return length if math.isinf(length) else max(0.0, length - MAX_ERROR_PER_CELL * (length + 2.0))
+
+
+def _length_among(framed: States, start: Floats, goal: Floats) -> float:
+    """Return the length of the shortest path among the cells of a plane within a frame that are not BLOCKED."""
+    rows, columns = framed.shape
+    path = shortest_path(read_only(framed).reshape(-1), 0, (rows, columns), start + 1.0, goal + 1.0, math.inf, MIXED)
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if len(path) else math.inf
 
 
 def _traced(front: Front, start: Floats, goal: Floats) -> Floats:
