@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse.csgraph import dijkstra
 
 from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
 from cspace.map.paths import pulled_straight
@@ -14,6 +15,7 @@ from cspace.map.search import Graph
 from cspace.map.storage import read_only
 from tests import handmade
 from tests.handmade import map_of, states
+from tests.map.test_widest import WIDEST_SPACES, compute_length, draw_map, link_wide_cells, list_cell_centers
 from tests.oracles import path_length
 from tests.refusals import refusals
 from tests.strategies import seeds
@@ -163,3 +165,20 @@ def test_equal_rotations_in_other_numbers_need_no_turn(rotations, start, goal):
     assert space.is_connected([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
     path = space.find_path([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
     assert len(path) > 2 and (path[:, 3:] == start).all() and space.certify_path(path).all()
+
+
+@pytest.mark.parametrize("name", WIDEST_SPACES)
+@settings(max_examples=15)
+@given(seeds)
+def test_paths_are_hardly_longer_than_the_shortest_chain(name, seed):
+    rng = np.random.default_rng(seed)
+    space = draw_map(name, rng)
+    points = list_cell_centers(space)
+    is_free = np.asarray(space.classify(points)) == FREE
+    chains = dijkstra(link_wide_cells(space, is_free, True), indices=np.flatnonzero(is_free)[:3])
+    for start, lengths in zip(np.flatnonzero(is_free), chains, strict=False):
+        for goal in rng.choice(np.flatnonzero(is_free), 3):
+            path = space.find_path(points[start], points[goal])
+            assert (len(path) > 0) == np.isfinite(lengths[goal])
+            if len(path):
+                assert compute_length(space, path) <= 1.1 * lengths[goal] + 1e-9
