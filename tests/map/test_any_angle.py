@@ -72,13 +72,15 @@ def test_find_path_slides_between_walls_on_both_sides(rows):
     assert path_length(path) == pytest.approx(10.0, abs=1e-4)
 
 
-def test_find_path_keeps_to_the_slice_of_its_rotation():
+@pytest.mark.parametrize(("spacing", "turns"), [(0.1, False), (1.0, True)])
+def test_find_path_turns_only_if_that_is_shorter(spacing, turns):
     states = np.zeros((2, 9, 9), np.uint8)
     states[0, 4, :8], states[1, 4, 1:] = BLOCKED, BLOCKED
-    space = map_of(states, 2, outside="blocked", spacing=1.0)
-    up = space.find_path((0.5, 0.5, 0.0), (8.5, 0.5, 0.0))
-    assert path_length(up) == pytest.approx(2 * math.hypot(3.5, 7.5) + 1.0, abs=1e-4)
-    assert path_length(space.find_path((0.5, 0.5, math.pi), (8.5, 0.5, math.pi))) == pytest.approx(8.06, abs=0.1)
+    space = map_of(states, 2, outside="blocked", spacing=spacing)
+    path = space.find_path((0.5 * spacing, 0.5 * spacing, 0.0), (8.5 * spacing, 0.5 * spacing, 0.0))
+    assert (np.ptp(path[:, 2]) > 0.0) == turns and space.certify_path(path).all()
+    if not turns:
+        assert path_length(path) == pytest.approx(spacing * (2 * math.hypot(3.5, 7.5) + 1.0), abs=1e-4)
 
 
 @pytest.mark.parametrize("name", ["arena", "random512-10-0"])
