@@ -23,7 +23,7 @@ from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
 from cspace.compiling import clock, jit, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.points import around_is_free
-from cspace.map.search import Costs, check_deadline
+from cspace.map.search import BUCKETS_PER_CELL, Costs, check_deadline
 from cspace.map.storage import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.rotations.yaw import shorter_angle
@@ -60,11 +60,8 @@ MARGIN_CELLS: Final = (4.0, 60.0)
 CURVE_RADII: Final = 6.0
 """Turning radii from the goal within which the length of curves without obstacles is computed."""
 
-BUCKETS: Final = 2**16
+QUEUE_BUCKETS: Final = 2**16
 """Buckets of each queue (see :mod:`cspace.map.search`); costs beyond them share the last one."""
-
-BUCKETS_PER_CELL: Final = 8.0
-"""Buckets per cell of cost."""
 
 NODES_PER_CLOCK_CHECK: Final = 2**12
 """Nodes expanded between two looks at the clock."""
@@ -72,7 +69,7 @@ NODES_PER_CLOCK_CHECK: Final = 2**12
 NODES_PER_GOAL_EDGE: Final = 16
 """Nodes far from the goal, of which one is joined to it by an edge, if that is free."""
 
-INITIAL_NODES: Final = 2**15
+INITIAL_LATTICE_NODES: Final = 2**15
 """Nodes for which there is memory at first; it doubles as needed."""
 
 PAD: Final = 4
@@ -211,7 +208,7 @@ class Nodes(NamedTuple):
         Node before, motion that led here, and next node in the same bucket; -1 if there is none.
     table : ndarray of int64, shape (2 ** k,)
         Hash table of nodes by cell and heading; -1 where empty.
-    buckets : ndarray of int64, shape (BUCKETS,)
+    buckets : ndarray of int64, shape (QUEUE_BUCKETS,)
         First node of each bucket of the queue; -1 if empty.
     counts : ndarray of int64, shape (5,)
         Numbers of nodes, of waiting and of expanded ones, lowest bucket, and the node before the goal, or -1.
@@ -320,8 +317,8 @@ def _spread_costs(
         weight * np.abs(wrapped(yaws - endpoints[0][2])),
         MARGIN_CELLS[is_car],
     )
-    table, entries = np.zeros(free.size * count, np.float32), np.empty((INITIAL_NODES, 2), np.int64)
-    buckets, counts = np.full(BUCKETS, -1), np.array([1, 1, -1, 0])
+    table, entries = np.zeros(free.size * count, np.float32), np.empty((INITIAL_LATTICE_NODES, 2), np.int64)
+    buckets, counts = np.full(QUEUE_BUCKETS, -1), np.array([1, 1, -1, 0])
     table[goal], entries[0], buckets[0] = 1.0, (goal, -1), 0
     while not spread_costs(lattice, table, entries, buckets, counts):
         check_deadline(until)
@@ -380,11 +377,11 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
 
 def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, until: float) -> Nodes:
     """Search from the start until a path is found, there is none, or nodes are used up."""
-    map_, count = edges.space._kernel_map, INITIAL_NODES
+    map_, count = edges.space._kernel_map, INITIAL_LATTICE_NODES
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
     arrays = np.empty((count, 3)), np.empty((count, 2), np.int64), np.empty(count), np.empty((count, 3), np.int64)
     counts = np.array([0, 0, 0, 0, -1])
-    nodes = Nodes(*arrays, np.full(4 * count, -1), np.full(BUCKETS, -1), counts, np.array([math.inf]))
+    nodes = Nodes(*arrays, np.full(4 * count, -1), np.full(QUEUE_BUCKETS, -1), counts, np.array([math.inf]))
     begin_search(map_, lattice, nodes, start)
     while not expand_nodes(map_, lattice, nodes) and nodes.counts[0] < max_nodes:
         check_deadline(until)
@@ -492,7 +489,7 @@ def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, count
             table[other] = total
             i, j = (other // count) // width - start // width, (other // count) % width - start % width
             bound = total - 1.0 + math.hypot(i, j) + cells.angles_to_start[other % count]
-            bucket = max(min(int(BUCKETS_PER_CELL * bound), BUCKETS - 1), counts[3])
+            bucket = max(min(int(BUCKETS_PER_CELL * bound), QUEUE_BUCKETS - 1), counts[3])
             if counts[2] >= 0:
                 entry, counts[2] = counts[2], entries[counts[2], 1]
             else:
@@ -577,7 +574,7 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
             return
     if known >= 0:
         nodes.costs[known] = math.inf
-    node, bucket = nodes.counts[0], min(int(BUCKETS_PER_CELL * bound / map_.spacing), BUCKETS - 1)
+    node, bucket = nodes.counts[0], min(int(BUCKETS_PER_CELL * bound / map_.spacing), QUEUE_BUCKETS - 1)
     nodes.poses[node], nodes.keys[node], nodes.costs[node], nodes.table[slot] = q, (key, heading), cost, node
     nodes.links[node] = parent, move, nodes.buckets[bucket]
     nodes.buckets[bucket] = node
