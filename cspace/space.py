@@ -914,7 +914,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def overlap_field(self) -> OverlapField | None:
-        """Overlap field of the map; None if it has none."""
+        """Overlap of the robot's balls with the obstacles' at the center of each cell; None if the map has none."""
         from cspace.spectral.overlap import OverlapField
 
         fields = self._contents.fields

@@ -339,7 +339,11 @@ class Updater:
             self._overlap_counts[batch][window] = overlaps
 
     def _boxes(self, differ: Bools, lower: Sequence[int] | Ints) -> Ints:
-        """Return boxes, as in :class:`Change`, around the set cells of windows that begin at cell ``lower``."""
+        """Return the bounding box of the set cells of each window, shape (n, 6), as in :class:`Change`.
+
+        ``differ`` has shape (n, ...), and each window begins at cell ``lower``. A plane has no x, so its x stays 0. A
+        window without set cells gets an empty box.
+        """
         front, axes = 3 - (differ.ndim - 1), range(1, differ.ndim)
         boxes = np.zeros((len(differ), 6), dtype=np.int64)
         for axis, low in zip(axes, lower, strict=True):

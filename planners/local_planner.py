@@ -852,7 +852,10 @@ class CarCurves(EdgesOnMap):
         return Pieces(centers, lengths, np.abs(rotations))
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Return a path with rows along its curves, and the direction of each row: 1 ahead, -1 in reverse."""
+        """Sample the curves between the rows of a path, at most a cell and 5 degrees apart.
+
+        The second result is the direction in which each row is reached: 1 ahead, -1 in reverse.
+        """
         rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
         for a, b in itertools.pairwise(path):
             points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)

@@ -480,7 +480,7 @@ def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, 
 
 
 def _search_lattice(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
-    """Search the lattice of a drive, and shorten its path."""
+    """Find a path on a lattice of headings within ``limit`` seconds, and shorten it; empty if there is none."""
     from planners.lattice import find_lattice_path, shorten_path
 
     if edges.edge_checker()(*endpoints[0], *endpoints[1]):

@@ -313,7 +313,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return Contact(names[0], names[1], float(out[0]), _nearest_points(hulls[0], hulls[1], radii))
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, Ints]:
-        """Return distances at configurations, and the pair and nodes that set each."""
+        """Return the least distance of bodies at each configuration, zero if not proven, and where it is attained.
+
+        The second result, shape (n, 3), has the pair of bodies and the node of the tree of each.
+        """
         rows = as_contiguous(points)
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 

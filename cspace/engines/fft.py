@@ -221,11 +221,11 @@ def growth(length: int) -> float:
 
 
 def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1) -> float:
-    """Bound the error of an overlap in a tile's transforms.
+    """Bound the rounding error of an overlap count that transforms compute on a tile.
 
-    For several ``digits``, bound the error of their sum: their number is that of the rasters that share a transform
-    times that of the tiles. ``tile`` is the transform lengths, and ``count`` the largest number of offsets in a robot
-    raster.
+    ``tile`` is the transform lengths, and ``count`` the largest number of offsets in a robot raster. Several rasters
+    and tiles may share a transform, each as a digit of one number to the base ``2 ** count.bit_length()``; ``digits``
+    is the number of such pairs. The certificate page has the proof and the constants.
     """
     passes = sum(growth(length) for length in tile)
     transforms = 2 if precision == "float32" else 3

@@ -89,11 +89,12 @@ class ExactQueries:
         return self._problem.margin + self._current_proofs().slack(as_contiguous(points), lengths, angles)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """Return ``check(*q)``.
+        """Make ``check(*q)``, which returns True only if a configuration is proven free.
 
-        ``quick(*q)`` must return True only if q is in a FREE cell.
+        ``quick(*q)`` must return True only if q is in a FREE cell. The geometry decides the rest, as an edge without
+        length.
         """
-        self._current_proofs()
+        self._current_proofs()  # made now, not at the first check
         return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
 
     def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:

@@ -222,9 +222,10 @@ def nearest_index(value: float, count: int) -> int:
 
 @kernel
 def axis_cost(cell: int, value: float, count: int, scale: float) -> float:
-    """Return an axis's share of a squared distance.
+    """Return one axis's share of the squared distance from a value to a cell's center.
 
-    It is scaled and lacks a common term.
+    It is divided by ``scale``, and lacks the square of the value, which all cells share: if ``o`` is the cell's offset
+    from the middle of the axis and ``v`` the value's, it is ``(o² - 2 o v) / scale``.
     """
     center = count / 2.0
     offset = cell + 0.5 - center

@@ -538,9 +538,9 @@ class Rotations(ABC):
 
     @property
     def covering_angles(self) -> Floats:
-        """Largest angle between a rotation of a cell and its representative, shape (count,).
+        """Largest angle between the center of each cell and a rotation in it, radians, shape (count,).
 
-        The angle includes rounding.
+        The angle includes rounding. It is 0 if the robot does not turn.
         """
         return np.zeros(1)
 

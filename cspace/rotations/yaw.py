@@ -125,6 +125,7 @@ class YawRotations(Rotations):
         return (wrapped_yaw if wrapped_yaw < math.pi else -math.pi,)
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
+        """Wrap yaws into [-pi, pi); raise InputError if one is too large to be wrapped exactly."""
         if (np.abs(rotation) > MAX_ANGLE).any():
             largest = float(np.abs(rotation).max())
             rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"

@@ -91,10 +91,11 @@ def component_labels(first: Ints, second: Ints, count: int) -> Ints:
 
 
 def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Body]:
-    """Split triangles into bodies.
+    """Group triangles into bodies, and decide how often and in which direction each triangle counts.
 
-    Triangles are joined through edges that at most `max_shared` different triangles share. The first rule that
-    closes a body decides its multiplicities:
+    Triangles are joined through edges that at most `max_shared` different triangles share. A triangle may be given
+    several times. Its multiplicity is the number of times that it counts, negative if reversed, and 0 in a body that
+    stays open. The first rule that closes a body decides its multiplicities:
 
     1. One of several equal triangles counts, in its own direction.
     2. All triangles count as given, so that a wall given once for each of two adjacent parts cancels.
@@ -108,9 +109,10 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
     meeting = np.bincount(edge[first].ravel(), minlength=int(edge.max()) + 1)
     body, count = _label_bodies(edge, meeting <= max_shared)
     balanced, manifold = _balance(edge, direction, body, count, first)
+    # Rule 1. The given directions decide which way a body faces, unless copies cancel.
     turns, closed, directed = first.astype(np.int64), balanced.copy(), balanced.copy()
     directed[body[np.abs(net) < copies]] = False
-    if not first.all():
+    if not first.all():  # rule 2
         every = np.ones(len(first), dtype=np.bool_)
         second = ~closed & _balance(edge, direction, body, count, every)[0]
         # A body whose triangles all cancel encloses nothing.
@@ -118,6 +120,7 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
         turns[second[body]] = 1
         closed |= second
         directed |= second
+    # Rule 3.
     astray = manifold & ~closed
     if astray.any():
         members = np.flatnonzero(astray[body] & first)

@@ -40,7 +40,7 @@ class Pieces(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Boxes along the axes.
+    """Axis-aligned boxes, each around a part of a body.
 
     Attributes
     ----------

@@ -211,7 +211,7 @@ def _memory_error(job: Job, needed: float, free: float) -> InputError:
 
 
 class _Task:
-    """A pickled task, which opens the store once."""
+    """A task for worker processes; each opens the store at its first call and keeps it."""
 
     def __init__(self, task: Callable[[Job, Index], Any], path: str, source: Source) -> None:
         self._task, self._path, self._source = task, path, source

@@ -100,7 +100,10 @@ class Panel:
             gui.add_html(_legend_html([*canvas.legend, *((color, name) for name, color in MARKS.items())]))
 
     def _add_typed(self, name: str, numbers: tuple[float, ...]) -> list[Any]:
-        """Add the typed inputs of the start or the goal, of one to three numbers each."""
+        """Add the fields in which a user types the start or the goal, of one to three numbers each.
+
+        ``numbers`` are the current values of all fields.
+        """
         add: dict[int, Callable[..., Any]] = {
             1: self._gui.add_number,
             2: self._gui.add_vector2,
