@@ -283,8 +283,8 @@ def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]
 def _palette(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Choose the colours of a palette from colours that come most frequent first, shape (n, 3).
 
-    The palette has at most :data:`_PALETTE_COLORS`. The first half of the palette holds dissimilar colours, so that a thin line keeps its colour beside many shades of
-    another one.
+    The palette has at most :data:`_PALETTE_COLORS`. Its first half holds dissimilar colours, so that a thin line keeps
+    its colour beside many shades of another one.
     """
     chosen: list[int] = []
     remaining = np.arange(len(colors))
