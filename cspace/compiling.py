@@ -323,6 +323,7 @@ def _announce_compiling() -> None:
 
     class Announcer(event.Listener):
         def on_start(self, event: Any) -> None:
+            """Announce the first compilation of a module, and stop the clock of time limits."""
             module = str(event.data["dispatcher"].py_func.__module__)
             if module.startswith(("cspace.", "planners.")) and module not in announced:
                 announced.add(module)

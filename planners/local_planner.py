@@ -561,7 +561,7 @@ class StraightEdges(EdgesOnMap):
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Return a path with rows added to edges along which the robot turns; there is no direction."""
+        """Return a path with rows added so that the robot turns by at most 5 degrees between two; no direction."""
         if len(path) < 2:
             return path, None
         steps, _, radians, counts = self._count_pieces(path, self.space.grid.spacing, MAX_RADIANS_PER_ROW)

@@ -79,18 +79,20 @@ CACHED_DIRECTIONS: Final = 256
 
 
 class Hulls(NamedTuple):
-    """Trees of hulls.
+    """Trees of convex hulls around the bodies of links and obstacles.
 
     Attributes
     ----------
     boxes : ndarray of float64, shape (m, 9)
-        Center and half sides of the box of each node, radius of its ball about that center, growth of its hull, and the
-        approximate excess of the hull over its contents.
+        Of each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of its ball about that
+        center ([6]), distance by which its hull is grown ([7]), and about how much the hull exceeds its contents
+        ([8]).
     nodes : ndarray of int64, shape (m, 4)
         The second child, or 0 for a leaf; the first child is the next node. Then the range [start, stop) of the corners
         of the hull: 0, 0 without a hull, and start = stop for a leaf that fills its box. Last, 1 if the node contains
         whole connected parts only.
     corners : ndarray of float64, shape (3, n)
+        Corners of all hulls.
     """
 
     boxes: Floats

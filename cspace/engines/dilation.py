@@ -120,17 +120,15 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
 
 
 class ClippedRuns(NamedTuple):
-    """Runs of a raster's offsets, clipped to a map.
-
-    Runs are along the last axis. Offsets that cannot fall on the map are left out.
+    """Runs, along the last axis, of the offsets of a raster that can fall on a map.
 
     Attributes
     ----------
     table : ndarray of int64, shape (n, 4)
-        First offset of each run, with 0 along the first axis in the plane, and its length; ascending in length. The
-        last run of each length is repeated to fill batches of RUNS_PER_BATCH.
+        First offset (x, y, z) of each run, and its length; ascending in length. In the plane x is 0. The last run of
+        each length is repeated to fill batches of RUNS_PER_BATCH.
     clipped : bool
-        True if there are other offsets, which always fall outside the map.
+        True if the raster also has offsets that always fall outside the map.
     """
 
     table: Ints

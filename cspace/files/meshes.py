@@ -114,10 +114,7 @@ def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
 
 
 def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
-    """Return the number of rows of a plain accessor.
-
-    Refuses one that exceeds its buffer.
-    """
+    """Return the number of rows of a glTF accessor; refuse one that is compressed or exceeds its buffer."""
     accessor = _look_up(header, "accessors", number)
     if "sparse" in accessor:
         raise unsupported_part(f"a sparse accessor ({number})")

@@ -551,7 +551,11 @@ def pushed_away(cells: Cells, first: int, rows: int, columns: int, v: float, u: 
 
 @jit
 def corners_beside(cells: Cells, first: int, rows: int, columns: int, a: Floats, b: Floats) -> Floats:
-    """Return the corners, with one cell that is not FREE, that a segment passes within twice :data:`NUDGE`."""
+    """Return the corners within twice :data:`NUDGE` of a segment at which exactly one of four cells is not FREE.
+
+    Points are in cells, shape (2,). ``first`` is the index of the slice's first cell; the slice has ``rows`` and
+    ``columns``.
+    """
     steep = abs(b[0] - a[0]) > abs(b[1] - a[1])
     along, across = (0, 1) if steep else (1, 0)
     corners = np.empty((int(abs(b[along] - a[along])) + 2, 2))

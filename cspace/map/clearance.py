@@ -442,10 +442,10 @@ def bound_squares(layers: Words, position: Position, size: float, first_y: int, 
 def near_window(
     position: Position, size: float, first_y: int, first_z: int, best: float, other_y: float, other_z: float
 ) -> np.uint64:
-    """Return bits of a word that may be near enough.
+    """Return a mask of the cells of a word, 8 x 8 along y and z, that may be near enough.
 
-    They may be nearer than the square root of ``best``. ``other_y`` and ``other_z`` are lower bounds of what the other
-    axes add to squared distances along y and along z.
+    They may be nearer to the position than the square root of ``best``. ``other_y`` and ``other_z`` are lower bounds of
+    what the other axes add to squared distances along y and along z.
     """
     low_y, high_y = near_range(position[1], size, first_y, best, other_y)
     low_z, high_z = near_range(position[2], size, first_z, best, other_z)
@@ -739,9 +739,10 @@ def raise_squares(
 
 @kernel
 def read_row(states: States, table: Ints, x: int, y: int, mask: States) -> None:
-    """Write the states of a row from ``(x, y)`` on.
+    """Copy the states of a row of cells from ``(x, y)`` on into ``mask``.
 
-    Outside the grid, every cell that may not be FREE counts as taken.
+    Cells outside the grid get 0 if they are FREE, otherwise 1. ``table`` has the first and last cell of the box of
+    MIXED cells there, and the state of the others; see :class:`cspace.map.exterior.Exterior`.
     """
     nx, ny = states.shape
     before, stop = min(max(-y, 0), len(mask)), min(max(ny - y, 0), len(mask))

@@ -186,11 +186,11 @@ def prefetch_cell(cells: Cells, index: int) -> None:
 
 
 def row_in(cells: Cells, index: int, count: int) -> WordPair:
-    """Return masks of non-FREE and BLOCKED cells of a row.
+    """Return two bit masks of ``count`` cells of a row: those that are not FREE, and those that are BLOCKED.
 
-    ``count`` is at most 64. Bits from ``count`` on are set.
+    The row begins at cell ``index`` of the map. ``count`` is at most 64; bits from ``count`` on are set in both.
     """
-    raise NotImplementedError
+    raise NotImplementedError  # compiled code dispatches on the storage
 
 
 def _prefetch_byte(cells: Bytes, index: int) -> None:

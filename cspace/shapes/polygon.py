@@ -169,9 +169,9 @@ class Polygons(ExactShape):
 
     @property
     def regions(self) -> list[Floats]:
-        """Segments of each polygon, shape (E, 4).
+        """Boundary segments ``(x0, y0, x1, y1)`` of each filled part, shape (E, 4); lines are left out.
 
-        They enclose it by even-odd parity.
+        They enclose the part by even-odd parity.
         """
         return [segments for segments, filled in self.parts if filled]
 

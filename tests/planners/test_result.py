@@ -322,8 +322,9 @@ def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> N
     plan.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
     names = {field.name for field in fields(planners.Plan) if not field.name.startswith("_")}
-    assert set(record) == names - {"space"} | {"clearance", "obstacle_distance"}
-    assert (record.pop("clearance"), record.pop("obstacle_distance")) == (plan.clearance, plan.obstacle_distance)
+    computed = ("clearance", "obstacle_distance", "lower_bound", "gap")
+    assert set(record) == names - {"space"} | set(computed)
+    assert [record.pop(name) for name in computed] == [getattr(plan, name) for name in computed]
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints", "start", "goal")}
     direction, axes, units = record.pop("direction"), tuple(record.pop("axes")), tuple(record.pop("units"))
