@@ -23,7 +23,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
-from shapely import affinity
 
 import cspace
 from cspace.spectral import (
@@ -279,40 +278,38 @@ figure.legend(loc="outside right center", frameon=False)
 save(figure, 6)
 
 # %%
-# 7. Early misses
-# ---------------
+# 7. Early answers about the depth
+# --------------------------------
 #
-# The number of frequencies that prove two shapes apart, over their distance; swelling is off.
+# The number of frequencies that prove an overlap below or above a threshold, over their ratio. Where it is zero,
+# trees of the balls answer without any frequency.
 
 
-def draw_misses(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats, distances: Floats) -> None:
-    """Plot the frequencies of each placement over its distance, with the legend."""
+def draw_answers(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats) -> None:
+    """Plot the frequencies of each placement over its overlap, with the legend."""
     for (name, overlap), color in zip(overlaps.items(), COLORS, strict=False):
-        answer = overlap.separated(places, swelling=False)
+        answer = overlap.separated(places)
         verdicts, taken = np.asarray(answer.verdict), np.asarray(answer.frequencies)
-        asked = (distances > 0.0) & (taken > 0)  # beyond half a period, the answer takes none
-        miss = asked & (verdicts == Verdict.MISS)
-        median = f"median {np.median(taken[miss]):.0f} of {overlap.frequencies}"
-        ax.semilogy(distances[miss], taken[miss], ".", color=color, markersize=4.0, label=f"{name}: {median}")
-        ax.semilogy(distances[asked & ~miss], taken[asked & ~miss], "x", color=color, markersize=4.0, alpha=0.3)
-        nearest, last = distances[miss].min(initial=math.inf), distances[asked & ~miss].max(initial=0.0)
-        print(f"{name}: {median} frequencies; none nearer than {nearest:.2f} m, all from {last:.2f} m on")
+        ratios = np.asarray(overlap.value(places)) / overlap.threshold
+        decided, open_ = (taken > 0) & (verdicts != Verdict.UNDECIDED), verdicts == Verdict.UNDECIDED
+        median = f"median {np.median(taken[decided]):.0f} of {overlap.frequencies}"
+        ax.loglog(ratios[decided], taken[decided], ".", color=color, markersize=4.0, label=f"{name}: {median}")
+        ax.loglog(ratios[open_], taken[open_], "x", color=color, markersize=4.0, alpha=0.3)
+        print(f"{name}: {median} frequencies; {np.mean(taken == 0):.0%} take none, {np.mean(open_):.1%} are undecided")
     ax.plot([], [], "x", color="0.4", label="undecided")
-    plain(ax, "proofs that two shapes are apart", "distance of the shapes [m]", "frequencies summed")
-    ax.set_ylim(10.0, 5e7)
+    plain(ax, "proofs about the depth", "overlap / threshold", "frequencies summed")
+    ax.set(xlim=(1e-2, 1e3), ylim=(10.0, 5e7))
     ax.legend(fontsize=9, loc="upper right", markerscale=1.5, framealpha=1.0)
 
 
 part = shapely.Polygon([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.0), (0.0, 0.0), (0.0, 0.3), (-0.3, 0.3)])
 a, b = (decompose(shape, kind="outer", number=32) for shape in (part, SHAPE))
 places = np.random.default_rng(7).uniform(-0.4, 2.4, (1500, 2))
-distances = np.array([SHAPE.distance(affinity.translate(part, x, y)) for x, y in places])
-grown = {swell: FourierOverlap.of_shapes(a, b, swell=swell, bump=Bump(2.0)) for swell in (0.05, 0.1, 0.2)}
-flat = {alpha: FourierOverlap.of_shapes(a, b, swell=0.1, bump=Bump(alpha)) for alpha in (8.0, math.inf)}
+levels = {level: FourierOverlap(a, b, bump=Bump(2.0), threshold=level) for level in (1e-4, 1e-3, 1e-2)}
+flat = {alpha: FourierOverlap(a, b, bump=Bump(alpha), threshold=1e-3) for alpha in (8.0, math.inf)}
 figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.6), layout="constrained", sharex=True, sharey=True)
-draw_misses(left, {f"grown by {swell:g} m": each for swell, each in grown.items()}, places, distances)
-kinds = {2.0: grown[0.1], **flat}
-draw_misses(right, {f"alpha = {alpha:g}": each for alpha, each in kinds.items()}, places, distances)
-left.set_title("discs grown by several lengths, alpha = 2", fontsize=10)
-right.set_title("bumps of several alpha, discs grown by 0.1 m", fontsize=10)
+draw_answers(left, {f"{level:g} m²": each for level, each in levels.items()}, places)
+draw_answers(right, {f"alpha = {alpha:g}": each for alpha, each in {2.0: levels[1e-3], **flat}.items()}, places)
+left.set_title("several thresholds, alpha = 2", fontsize=10)
+right.set_title("bumps of several alpha, threshold 0.001 m²", fontsize=10)
 save(figure, 7)

@@ -1,30 +1,36 @@
-"""Spectra, Minkowski sums, overlaps and early misses, against direct methods."""
+"""Spectra, Minkowski sums, overlaps and verdicts, against direct methods."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
+import fcl
 import numpy as np
+import trimesh
 from numba import njit, prange
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from benchmarks.timing import interleave, once
-from cspace import Grid
-from cspace.arrays import Bools, Floats, Ints
+from cspace import Grid, Mesh
+from cspace.arrays import Floats, Ints
 from cspace.spectral import (
     BallDescriptor,
     Bump,
     Descriptor,
+    FourierOverlap,
     Verdict,
     ball_spectrum,
+    decompose,
     indicator,
     minkowski_sum,
     superlevel,
 )
-from tests.soak.frequency import POOL, Body, compute_overlap, draw_pool_body, draw_rotation_matrix, oracle
+from tests import solids
+from tests.soak.frequency import compute_overlap, draw_pool_body
 
 Complexes = NDArray[np.complex128]
 
@@ -56,29 +62,30 @@ MIN_VALUES_RATIO = 20.0
 SINGLE_PLACEMENTS = {2: 20_000, 3: 200}
 """Placements evaluated one by one, by dimension."""
 
-SCENE_COUNT = {2: 10, 3: 3}
-"""Random scenes with nine of ten placements clear, by dimension."""
+SUBDIVISIONS = 5
+"""Subdivisions of the icosahedron behind the bodies of verdicts: 20,480 triangles."""
 
-SCENE_PLACEMENTS = 2000
-PLACEMENT_SIDES = {2: 12.0, 3: 7.0}
-"""Side of the square or cube of the placements, in sizes of the bodies."""
+VERDICT_BALLS = 300
+"""Outer and inner balls of each body."""
 
-GROWTH_FACTORS = (1.0, 2.0)
-"""Growth of balls, over the smaller median radius of the two bodies."""
+VERDICT_PLACEMENTS = 3000
+VERDICT_SIDE = 5.7
+"""Side of the cube of placements, metres; nine of ten are clear."""
 
-MAX_FREQUENCY_SHARE = 0.05
-"""Target: share of the frequencies used for a miss."""
+MIN_DECIDED_PERCENT = 98.0
+MAX_COLLIDE_RATIO = 3.0
+"""Largest time of a verdict over FCL's time to test the meshes for collision."""
 
 
 def run(report: Report, seed: int) -> None:
-    """Compare Minkowski sums, spectra, values at placements, and early misses."""
+    """Compare Minkowski sums, spectra, values at placements, and verdicts."""
     rng = np.random.default_rng(seed)
     for name, make in (("indicators", _flags), ("bumps of balls", _bumps)):
         _minkowski(report, name, make, rng)
     for dim in (2, 3):
         _spectra(report, dim, rng)
         _values(report, seed, dim, rng)
-        _misses(report, seed, dim)
+    _verdicts(report, rng)
 
 
 # ---- spectra ---------------------------------------------------------------------------------------------------------
@@ -243,52 +250,54 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
         report.check(off <= 1e-8 * largest, f"{name}(ts): within {off / largest:.1g} of one by one, of the largest")
 
 
-def _misses(report: Report, seed: int, dim: int) -> None:
-    """Measure the frequencies that a miss needs, with and without swollen balls."""
-    numbers = range(1 if report.quick else SCENE_COUNT[dim])
-    scenes = [_scene(seed, dim, np.random.default_rng([seed, number, 50 + dim])) for number in numbers]
-    for share in GROWTH_FACTORS[-1:] if report.quick else GROWTH_FACTORS:
-        parts: dict[bool, list[Floats]] = {True: [], False: []}
-        clear, sizes, wrong = 0, [], 0
-        for body, others, ts, meets in scenes:
-            overlap = compute_overlap(body, others, share, 8, Bump(2.0), 1e-3, inner=False)
-            sizes.append(overlap.frequencies)
-            low, high = overlap.domain
-            # Beyond this distance the bodies cannot overlap, and no frequency is used.
-            inside = ((ts >= low) & (ts <= high)).all(axis=1)
-            clear += int((~meets & inside).sum())
-            for swelling, shares in parts.items():
-                answer = overlap.separated(ts, swelling=swelling)
-                missed = answer.verdict == Verdict.MISS
-                wrong += int((missed & meets).sum())
-                shares.append(answer.frequencies[missed & inside] / overlap.frequencies)
-        report.section(
-            f"early misses {'in the plane' if dim == 2 else 'in space'}: {len(scenes)} random scenes of "
-            f"{SCENE_PLACEMENTS} placements, balls grown by {share:g} of the median radius, {np.median(sizes):.0f} "
-            "frequencies"
-        )
-        report.check(not wrong, f"{wrong} misses collide")
-        for swelling, name in ((True, "swollen balls first"), (False, "frequencies alone")):
-            every = np.concatenate(parts[swelling])
-            report.figure(f"{name}: clear placements told", 100.0 * len(every) / clear, "%")
-            report.figure(
-                "    median part of the frequencies",
-                100.0 * float(np.median(every)),
-                "%",
-                most=100.0 * MAX_FREQUENCY_SHARE,
-            )
-            report.figure("    mean", 100.0 * float(every.mean()), "%")
+def _verdicts(report: Report, rng: np.random.Generator) -> None:
+    """Compare verdicts from balls, singly and in a batch, with FCL on the meshes."""
+    bodies = [_draw_body(rng, 3 if report.quick else SUBDIVISIONS) for _ in range(2)]
+    sets = [
+        decompose(Mesh(*body), kind=kind, number=VERDICT_BALLS // (10 if report.quick else 1))
+        for kind in ("outer", "inner")
+        for body in bodies
+    ]
+    overlap = FourierOverlap.of_shapes(*sets)
+    ts = rng.uniform(-0.5, 0.5, (VERDICT_PLACEMENTS, 3)) * VERDICT_SIDE
+    moved, fixed = (solids.surface(*body) for body in bodies)
+
+    def meets(t: Floats) -> bool:
+        moved.setTranslation(t)
+        return solids.meet(moved, fixed)
+
+    def distance(t: Floats) -> float:
+        moved.setTranslation(t)
+        return float(fcl.distance(moved, fixed))
+
+    report.section(f"verdicts about two meshes of {len(bodies[0][1])} triangles, {VERDICT_BALLS} balls each")
+    overlap.separated(ts[:2])  # compiles it
+    calls: dict[str, Callable[[], Any]] = {
+        "separated(ts)": partial(overlap.separated, ts),
+        "separated(t), one by one": lambda: [overlap.separated(t) for t in ts],
+        "FCL collide": lambda: np.array([meets(t) for t in ts]),
+    }
+    timings = {name: each.per(1.0 / len(ts)) for name, each in interleave(calls, 3).items()}
+    few = ts[: len(ts) // 30]
+    timings["FCL distance"] = once(lambda: [distance(t) for t in few]).per(1.0 / len(few))
+    report.timings(timings)
+    for name in ("separated(ts)", "separated(t), one by one"):
+        report.ratio(f"{name} / FCL collide", timings[name], timings["FCL collide"], most=MAX_COLLIDE_RATIO)
+        report.ratio(f"FCL distance / {name}", timings["FCL distance"], timings[name], least=1.0)
+    verdicts, collides = timings["separated(ts)"].value.verdict, timings["FCL collide"].value
+    report.figure("clear placements", 100.0 * float((~collides).mean()), "%")
+    decided = 100.0 * float((verdicts != Verdict.UNDECIDED).mean())
+    report.figure("decided", decided, "%", least=None if report.quick else MIN_DECIDED_PERCENT)
+    wrong = (collides & (verdicts == Verdict.MISS)) | (~collides & (verdicts == Verdict.HIT))
+    report.check(not wrong.any(), f"{int(wrong.sum())} verdicts are wrong")
 
 
-def _scene(seed: int, dim: int, rng: np.random.Generator) -> tuple[Body, list[Body], Floats, Bools]:
-    """Draw a body, obstacles at 10 % of the placements, placements, and collisions."""
-    body = draw_pool_body(seed, int(rng.integers(POOL)), dim).place(1.0, draw_rotation_matrix(rng, dim), np.zeros(dim))
-    ts = rng.uniform(0.0, PLACEMENT_SIDES[dim], (SCENE_PLACEMENTS, dim))
-    others: list[Body] = []
-    meets = np.zeros(len(ts), dtype=np.bool_)
-    while meets.mean() < 0.1:
-        another = draw_pool_body(seed, int(rng.integers(POOL)), dim)
-        away = float(rng.uniform(0.5, 1.2)), draw_rotation_matrix(rng, dim), rng.uniform(0.0, PLACEMENT_SIDES[dim], dim)
-        others.append(another.place(*away))
-        meets |= oracle(body, others[-1:], np.eye(dim))(ts)
-    return body, others, ts, meets
+def _draw_body(rng: np.random.Generator, subdivisions: int) -> tuple[Floats, Ints]:
+    """Draw a dented ellipsoid, up to 2 m across, as vertices and faces."""
+    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
+    points, factors = np.asarray(sphere.vertices), np.ones(len(sphere.vertices))
+    for _ in range(6):
+        direction = rng.normal(size=3)
+        cosines = points @ (direction / np.linalg.norm(direction))
+        factors -= rng.uniform(0.2, 0.5) * np.exp(-8.0 * (1.0 - cosines))
+    return points * np.maximum(factors, 0.25)[:, None] * rng.uniform(0.6, 1.0, 3), np.asarray(sphere.faces)

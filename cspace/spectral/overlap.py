@@ -25,7 +25,7 @@ from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.storage import Map
 from cspace.rotations import Rotations
-from cspace.spectral.bump import Bump, pair_integrals
+from cspace.spectral.bump import Bump, check_tolerance, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
     BallDescriptor,
@@ -34,8 +34,9 @@ from cspace.spectral.descriptors import (
     check_same_dim,
     common_bump,
 )
-from cspace.spectral.regions import cube_gaps
 from cspace.spectral.spectra import (
+    BOUND_ROUNDING,
+    MIN_SPECTRUM_TOLERANCE,
     Rings,
     Spectrum,
     Terms,
@@ -43,8 +44,8 @@ from cspace.spectral.spectra import (
     evaluate_real_series,
     norm_square,
     separate_all,
-    touching_overlap,
 )
+from cspace.spectral.trees import BallTree, ContactTest
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -81,15 +82,34 @@ ROTATION_TOLERANCE: Final = 1e-6
 """Largest deviation of a matrix from the nearest rotation."""
 
 
+MIN_PERIOD: Final = 1e-100
+"""Smallest period in metres; below it, squares of lengths may underflow."""
+
+LEVEL_RATIO: Final = 8.0
+"""Ratio of the numbers of frequencies of a band and of the smaller band that is tried before it."""
+
+MIN_LEVEL_FREQUENCIES: Final = 2_000
+"""Product of the highest frequencies along the axes, cycles per period, up to which no smaller band is tried."""
+
+
 class Verdict(IntEnum):
     """Whether two ball sets are apart.
 
-    Each method states what its verdict proves.
+    Each method states what its verdict proves. ``bool(verdict)`` raises InputError.
     """
 
     MISS = 0
     HIT = 1
     UNDECIDED = 2
+
+    def __bool__(self) -> bool:
+        """Raise InputError, because MISS is 0 and UNDECIDED is not a hit."""
+        rule, hint = "a verdict is neither true nor false", "compare it, e.g. verdict == Verdict.MISS"
+        raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
+
+
+_VERDICTS: Final = tuple(Verdict)
+"""The verdicts by value; calling ``Verdict`` takes longer than a test of two trees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +120,10 @@ class Separation:
     ----------
     verdict : Verdict, or ndarray of uint8
     frequencies : int, or ndarray of int64
-        Number of frequencies summed, opposite ones counted once; 0 if the swollen obstacles alone proved the miss.
+        Number of frequencies summed, opposite ones counted once; 0 if the balls alone decided.
     overlap, bound : float, or ndarray of float64
-        The partial sum, square or cubic metres, of the outer balls if there are inner ones too. ``bound`` is the
-        largest difference to the ideal overlap of all frequencies, rounding included.
+        The partial sum, square or cubic metres, and its largest difference to the ideal overlap of all frequencies,
+        rounding included. Both are 0 if the balls are apart. The bound is infinite if no frequency was summed.
     """
 
     verdict: Verdict | Bytes
@@ -141,12 +161,8 @@ class FourierOverlap:
     accuracy : float
         Accuracy of the spectra, relative to their largest values.
 
-    Raises
-    ------
-    InputError
-        If a value is not as stated.
-    MissingPackageError
-        If finufft is not installed.
+    Spectra are computed at first use; verdicts about ball sets that are apart need none. Raises InputError if a value
+    is not as stated. Methods raise MissingPackageError if finufft is needed and not installed.
 
     Examples
     --------
@@ -172,24 +188,24 @@ class FourierOverlap:
         first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
-        self._accuracy = accuracy
-        self._swell = 0.0  # growth of the balls beyond the shapes of the verdicts, metres
-        self._inner: FourierOverlap | None = None  # overlap of the inner balls, if there are any
+        within = check_tolerance(accuracy, MIN_SPECTRUM_TOLERANCE)
         self._b, self._original, self._rotation = second, first, np.eye(first.dim)
         self._pivot, self._center_b = first.center, second.center
-        reach = np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii
-        self._reach = float(reach.max()) * (1.0 + 2.0**-40)
+        reach = float((np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii).max()) * (1.0 + 2.0**-40)
         sides = (np.abs(second.centers - self._center_b) + second.radii[:, None]).max(axis=0)
-        self._half_sides = (sides + self._reach) * (1.0 + 0.1 * PERIOD_MARGIN)
+        self._half_sides = (sides + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
         lengths = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
-        far = max(first.span, second.span)
-        if far > min(MAX_BALL_COORDINATE, MAX_PERIODS_FROM_ORIGIN * float(lengths.min())):
+        self._span = math.sqrt(self.dim) * (first.span + second.span)
+        if max(first.span, second.span) > min(MAX_BALL_COORDINATE, MAX_PERIODS_FROM_ORIGIN * float(lengths.min())):
+            far = max(first.span, second.span)
             problem = f"or a reaches {far:g} m from the origin of its frame, but both span only {lengths.min():g} m"
             raise InputError("b", problem, "rounding would matter", "move the origin nearer, or check the units")
-        self._rings = self._make_rings(first, lengths, band, tolerance)
-        self._norms = norm_square(first), norm_square(second)
-        self._spectrum_b = Spectrum.of(second, self._center_b, self._rings, accuracy, self._norms[1])
-        self._place(first)
+        if lengths.max() < MIN_PERIOD:
+            problem, rule = f"and a span only {lengths.max():g} m", "squares would underflow"
+            raise InputError("b", problem, rule, "check the units", value=b)
+        self._bands = _Bands(first, second, lengths, self._choose_halves(first, lengths, band, tolerance), within)
+        # Trees of the balls that prove misses, and of those that prove hits.
+        self._trees = (self._make_trees(first, second),) * 2
 
     @classmethod
     def of_shapes(
@@ -199,7 +215,7 @@ class FourierOverlap:
         inner_a: BallsLike | None = None,
         inner_b: BallsLike | None = None,
         *,
-        swell: float,
+        swell: float = 0.0,
         classes: int = 8,
         bump: Bump | None = None,
         tolerance: float = 1e-3,
@@ -207,12 +223,11 @@ class FourierOverlap:
     ) -> FourierOverlap:
         """Return an overlap whose verdicts are proofs about shapes, given by balls.
 
-        ``docs/explanation/certificate_frequency.md`` has the proofs.
+        *MISS* proves that the closed shapes have no common point: no two outer balls touch. *HIT* proves that they have
+        one: an inner ball of A and one of B overlap. Other placements are *UNDECIDED*. Verdicts come from trees of the
+        balls, without any frequency. ``docs/explanation/certificate_frequency.md`` has the proofs.
 
-        *MISS* proves that the closed shapes have no common point. *HIT* proves that they have one, because an inner
-        ball of A and one of B overlap. Placements closer than twice ``swell``, or than the balls resolve, stay
-        *UNDECIDED*. Values and gradients are those of the outer balls, grown by ``swell``. The threshold is the
-        smallest overlap of any two grown balls that touched before they grew.
+        Values and gradients are those of the outer balls, grown by ``swell``.
 
         Parameters
         ----------
@@ -221,16 +236,14 @@ class FourierOverlap:
         inner_a, inner_b : the same, optional
             Balls that lie in A, and B; without them there is no HIT.
         swell : float
-            Metres, above zero. Half a typical radius or more gives early verdicts; less leaves fewer placements
-            undecided.
+            Metres, zero or above. Values are positive before the shapes touch, and need fewer frequencies.
         classes : int
-            Largest number of different radii in each set, because each radius takes a transform. Outer balls grow and
-            inner balls shrink to the next of these radii.
+            Largest number of different radii of each set in values and gradients, because each radius takes a
+            transform; radii grow to the next of these. Verdicts use the radii as passed.
         bump, tolerance, accuracy
             As for the class.
 
-        Raises as the class does. Also raises InputError if only one of the inner sets is given, or if the overlap of
-        grown balls that touched is too small to compute, because the bump is too flat or ``swell`` too small.
+        Raises as the class does. Also raises InputError if only one of the inner sets is given.
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         for name, source in given.items():
@@ -238,26 +251,20 @@ class FourierOverlap:
             if kind in ("inner", "outer") and kind != name[:5]:
                 hint = "decompose the shape with that kind"
                 raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source)
-        chosen, more = common_bump(bump, *given.values()), check_positive(swell, "swell")
+        chosen, more = common_bump(bump, *given.values()), check_not_negative(swell, "swell", "pass metres")
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError("inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither")
-        sets = [
-            as_balls(source, name, chosen).round_radii(number, up=name.startswith("outer"))
-            for name, source in given.items()
-            if source is not None
-        ]
-        a, b, *inner = sets
-        for name, balls in zip(given, sets, strict=False):
+        sets = {name: as_balls(source, name, chosen) for name, source in given.items() if source is not None}
+        a, b, *inner = sets.values()
+        for name, balls in sets.items():
             check_same_dim(name, balls.dim, a.dim)
-        level = touching_overlap(a, b, more, PLACEMENT_ROUNDING * (a.span + b.span))
-        if level <= 0.0:
-            rule = f"with alpha = {chosen.alpha:g}, the overlap of grown balls is too small to compute"
-            raise InputError("swell", f"is {more:g}", rule, "pass a larger swell", value=swell)
-        grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in (a, b))
-        made = cls(*grown, threshold=level, tolerance=tolerance, accuracy=accuracy)
-        made._swell = more
-        made._inner = cls(*inner, tolerance=tolerance, accuracy=accuracy) if inner else None
+        rounded = (balls.round_radii(number, up=True) for balls in (a, b))
+        grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
+        made = cls(*grown, tolerance=tolerance, accuracy=accuracy)
+        made._span += math.sqrt(a.dim) * sum(balls.span for balls in sets.values())
+        none = BallTree.of(a.centers[:0], a.radii[:0])
+        made._trees = made._make_trees(a, b), made._make_trees(*inner) if inner else (none, none)
         return made
 
     @property
@@ -268,7 +275,7 @@ class FourierOverlap:
     @property
     def lengths(self) -> tuple[float, ...]:
         """Period along each axis, metres."""
-        return tuple(self._rings.lengths.tolist())
+        return tuple(self._bands.lengths.tolist())
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -276,15 +283,12 @@ class FourierOverlap:
 
         They are ``k / length``, k from ``-(count // 2)`` to ``count // 2``.
         """
-        return self._rings.counts
+        return tuple(2 * half + 1 for half in self._bands.halves)
 
     @property
     def frequencies(self) -> int:
-        """Number of frequencies in the band, inner balls included.
-
-        Opposite ones count once.
-        """
-        return len(self._rings.indices) + (self._inner.frequencies if self._inner else 0)
+        """Number of frequencies in the band, opposite ones counted once."""
+        return (math.prod(self.counts) + 1) // 2
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
@@ -301,7 +305,7 @@ class FourierOverlap:
 
         It includes the band limit and rounding.
         """
-        return float(self._terms.bounds[-1])
+        return float(self._levels[-1].terms.bounds[-1])
 
     @overload
     def value(self, t: Configuration) -> float: ...  # type: ignore[overload-overlap]
@@ -316,7 +320,7 @@ class FourierOverlap:
         domain. More than a few dozen placements share one non-uniform transform, with a tolerance of 1e-9 times the
         2-norm of the terms. Raises as the class does.
         """
-        sums = self._sums(t, [self._terms])
+        sums = self._sums(t, [self._levels[-1].sums])
         return sums[..., 0] if sums.ndim > 1 else float(sums[0])
 
     def gradient(self, t: ArrayLike) -> Floats:
@@ -324,69 +328,63 @@ class FourierOverlap:
 
         They are in metres, or square metres in space.
         """
-        return self._sums(t, self._slopes)
+        return self._sums(t, self._levels[-1].slopes)
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
         """Compute :meth:`value`, shape (...), and :meth:`gradient` together, which is faster."""
-        sums = self._sums(t, [self._terms, *self._slopes])
+        sums = self._sums(t, [self._levels[-1].sums, *self._levels[-1].slopes])
         return sums[..., 0], sums[..., 1:]
 
     def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
         """Return the overlap with A rotated about the origin of its frame.
 
         ``rotation`` is an angle in the plane, radians, a matrix of shape (d, d), or a scipy Rotation; raises InputError
-        for anything else. Only the spectrum of A is recomputed; the period, the band and the threshold stay.
+        for anything else. The period, the band and the threshold stay; the spectrum of A is recomputed at first use.
         """
         matrix = _rotation_matrix(rotation, self.dim)
         other = copy.copy(self)
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
         other._rotation = _rotation_matrix(matrix @ self._rotation, self.dim)
         other._pivot = other._rotation @ self._original.center
-        first = self._original
-        other._place(BallDescriptor(first.centers @ other._rotation.T, first.radii, first.bump))
-        other._inner = self._inner.rotated(matrix) if self._inner else None
+        for made in ("_levels", "_contact_test"):
+            other.__dict__.pop(made, None)
         return other
 
-    def separated(self, t: ArrayLike, *, swelling: bool = True) -> Separation:
-        """Decide from few frequencies whether A and B are apart.
+    def separated(self, t: ArrayLike) -> Separation:
+        """Decide whether A and B are apart, or whether their overlap is below :attr:`threshold`.
 
-        First, the balls of B grow by a ball that contains A. If its center lies in none of them, it is a MISS without
-        any frequency. Then the frequencies are summed ring by ring, from low to high, until the sum and a bound of the
-        remainder decide. *MISS* proves that the ideal overlap of all frequencies is below :attr:`threshold`, or, by
-        grown balls, zero. *HIT* proves that it is above. *UNDECIDED* means that all frequencies up to the band limit do
-        not decide. With a threshold of zero, HIT proves that two balls overlap. For an overlap made by
-        :meth:`of_shapes`, MISS and HIT are proofs about the shapes.
+        First, trees of balls tell whether two balls touch. If none do, it is a *MISS*: the overlap is zero. If two
+        overlap and the threshold is zero, it is a *HIT*. For a threshold above zero, frequencies are summed ring by
+        ring, from low to high, until the sum and a bound of the remainder decide: *MISS* proves that the ideal overlap
+        of all frequencies is below the threshold, *HIT* that it is above. Otherwise, it is *UNDECIDED*. For an overlap
+        made by :meth:`of_shapes`, the verdict is about the shapes, and takes no frequency.
 
-        ``t``, shape (..., d), is in metres. ``swelling=False`` skips the grown balls.
+        ``t``, shape (..., d), is in metres.
         """
         placements = check_points(t, "t", self.dim)
-        verdicts, counts, sums = self._decide(np.ascontiguousarray(placements.reshape(-1, self.dim)), swelling)
+        relative = self._relative(placements.reshape(-1, self.dim))
+        verdicts = self._contact_test.evaluate(relative)
+        touching = verdicts != Verdict.MISS
+        counts, sums = np.zeros(len(verdicts), dtype=np.int64), np.zeros((len(verdicts), 2))
+        sums[touching, 1] = math.inf
+        if self.threshold > 0.0:
+            rest = np.flatnonzero(touching)
+            for level in self._levels if len(rest) else ():
+                verdicts[rest], taken, sums[rest] = separate_all(relative[rest], level.terms, self.threshold)
+                counts[rest] += taken
+                rest = rest[verdicts[rest] == Verdict.UNDECIDED]
+                if not len(rest):
+                    break
         if placements.ndim == 1:
-            return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
+            return Separation(_VERDICTS[verdicts[0]], int(counts[0]), *sums[0].tolist())
         shape = placements.shape[:-1]
         totals, bounds = (column.reshape(shape) for column in sums.T)
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
 
-    def _decide(self, ts: Floats, swelling: bool) -> tuple[Bytes, Ints, Floats]:
-        """Return verdicts, numbers of frequencies, and sums with their bounds."""
-        placements, balls = self._relative(ts), self._b
-        close = (np.abs(placements) <= self._half_sides).all(axis=1)
-        if swelling:
-            # Use the balls as they were before they grew for the threshold: if these are apart, so are the shapes.
-            near, _ = cube_gaps(placements, 0.0, balls.centers - self._center_b, balls.radii - self._swell)
-            close &= near <= self._reach - self._swell + 4.0 * self._placement_error
-        verdicts, counts, sums = separate_all(placements, close, self._terms, self.threshold)
-        if self._swell:  # grown balls prove only misses; inner balls prove hits
-            rest = np.flatnonzero(verdicts != Verdict.MISS)
-            verdicts[rest] = Verdict.UNDECIDED
-            if self._inner is not None and len(rest):
-                inner, more, _ = self._inner._decide(ts[rest], swelling=True)
-                verdicts[rest[inner == Verdict.HIT]] = Verdict.HIT
-                counts[rest] += more
-        return verdicts, counts, sums
-
-    def _make_rings(self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float) -> Rings:
-        """Return the rings of a given or chosen band."""
+    def _choose_halves(
+        self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float
+    ) -> tuple[int, ...]:
+        """Return the highest frequency along each axis, cycles per period, of a given or chosen band."""
         if band is not None:
             highest = check_positive(band, "band", "cycles per metre")
         else:
@@ -399,27 +397,33 @@ class FourierOverlap:
         if math.prod(2 * half + 1 for half in halves) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
             problem = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
             raise InputError("band", problem, f"at most {MAX_FREQUENCIES} are computed", "pass a lower one", value=band)
-        return Rings.of(lengths, halves)
+        return halves
 
-    def _place(self, a: BallDescriptor) -> None:
-        """Replace the balls of A by their rotated copies."""
-        self._a = a
-        # Rounding moves a placement in the domain by at most this distance.
-        self._placement_error = PLACEMENT_ROUNDING * (float(np.abs(self.domain).max()) + a.span + self._b.span)
-        for made in ("_terms", "_slopes"):
-            self.__dict__.pop(made, None)
-
-    @cached_property
-    def _terms(self) -> Terms:
-        """Terms of the overlap, computed at first use."""
-        spectrum = Spectrum.of(self._a, self._pivot, self._rings, self._accuracy, self._norms[0])
-        return Terms.of(spectrum, self._spectrum_b, self._rings, self._placement_error)
+    def _make_trees(self, a: BallDescriptor, b: BallDescriptor) -> tuple[BallTree, BallTree]:
+        """Return trees of the balls of A, not rotated, and of B, about the centers of placements."""
+        return (
+            BallTree.of(a.centers - self._original.center, a.radii),
+            BallTree.of(b.centers - self._center_b, b.radii),
+        )
 
     @cached_property
-    def _slopes(self) -> list[Terms]:
-        """Terms of the derivative along each axis."""
-        waves = 2j * math.pi * self._rings.indices / self._rings.lengths
-        return [self._terms._replace(products=self._terms.products * wave) for wave in waves.T]
+    def _contact_test(self) -> ContactTest:
+        """Test of contact with A rotated."""
+        (outer_a, outer_b), (inner_a, inner_b) = self._trees
+        outer_a, inner_a = outer_a.rotated(self._rotation), inner_a.rotated(self._rotation)
+        return ContactTest(outer_a, outer_b, inner_a, inner_b, self._half_sides, 4.0 * self._placement_error)
+
+    @property
+    def _placement_error(self) -> float:
+        """Largest error of a placement in the domain, metres, by rounding."""
+        return PLACEMENT_ROUNDING * (float(np.abs(self.domain).max()) + self._span)
+
+    @cached_property
+    def _levels(self) -> list[_Level]:
+        """Terms of the overlap by band, the smallest first."""
+        first = self._original
+        a = BallDescriptor(first.centers @ self._rotation.T, first.radii, first.bump)
+        return [_Level(band, a, self._pivot, self._placement_error) for band in self._bands.by_size]
 
     def _relative(self, placements: Floats) -> Floats:
         """Return placements of A's center relative to B's."""
@@ -429,17 +433,88 @@ class FourierOverlap:
         """Return several sums of terms at placements, shape (..., sums)."""
         placements = check_points(t, "t", self.dim)
         relative = self._relative(placements.reshape(-1, self.dim))
-        inside = (np.abs(relative) <= self._half_sides).all(axis=-1)
-        out = np.zeros((len(relative), len(sums)))
-        if np.count_nonzero(inside) > MAX_SUMMED_PLACEMENTS:
-            boxes = np.stack([self._rings.to_box(terms.products / self._rings.twice) for terms in sums])
+        inside = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
+        out, rings = np.zeros((len(relative), len(sums))), self._levels[-1].band.rings
+        if len(inside) > MAX_SUMMED_PLACEMENTS:
+            boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
             out[inside] = evaluate_real_series(
-                2.0 * math.pi * relative[inside] / self._rings.lengths, boxes, SERIES_TOLERANCE
+                2.0 * math.pi * relative[inside] / rings.lengths, boxes, SERIES_TOLERANCE
             ).T
         else:
-            for column, terms in zip(out.T, sums, strict=True):
-                column[:] = separate_all(relative, inside, terms, math.nan)[2][:, 0]
+            for column, terms in enumerate(sums):
+                out[inside, column] = separate_all(relative[inside], terms, math.nan)[2][:, 0]
         return out.reshape(*placements.shape[:-1], len(sums))
+
+
+class _Bands:
+    """Bands of frequencies and what all rotations of A share in them; made at first use."""
+
+    def __init__(
+        self, a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...], accuracy: float
+    ) -> None:
+        self.a, self.b, self.lengths, self.halves, self.accuracy = a, b, lengths, halves, accuracy
+
+    @cached_property
+    def norms(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Integrals of the squared descriptors of A and B, with their errors."""
+        return norm_square(self.a), norm_square(self.b)
+
+    @cached_property
+    def by_size(self) -> list[_Band]:
+        """The whole band, and before it bands of an eighth of the next, which decide most queries."""
+        found = [self.halves]
+        while math.prod(found[-1]) > MIN_LEVEL_FREQUENCIES:
+            found.append(tuple(math.ceil(half / LEVEL_RATIO ** (1.0 / len(found[-1]))) for half in found[-1]))
+        return [_Band(self, halves) for halves in reversed(found)]
+
+
+class _Band:
+    """One band, and the spectrum of B in it."""
+
+    def __init__(self, shared: _Bands, halves: tuple[int, ...]) -> None:
+        self.shared, self.halves = shared, halves
+
+    @cached_property
+    def rings(self) -> Rings:
+        return Rings.of(self.shared.lengths, self.halves)
+
+    @cached_property
+    def spectrum_b(self) -> Spectrum:
+        return Spectrum.of(self.shared.b, self.shared.b.center, self.rings, self.shared.accuracy)
+
+    @cached_property
+    def tail_b(self) -> float:
+        return self.spectrum_b.tail(self.rings, self.shared.norms[1])
+
+
+class _Level:
+    """Terms of the overlap with A at one rotation, in one band; ``error`` is that of placements, metres."""
+
+    def __init__(self, band: _Band, a: BallDescriptor, pivot: Floats, error: float) -> None:
+        self.band, self._a, self._pivot, self._error = band, a, pivot, error
+
+    @cached_property
+    def _spectrum(self) -> Spectrum:
+        return Spectrum.of(self._a, self._pivot, self.band.rings, self.band.shared.accuracy)
+
+    @cached_property
+    def sums(self) -> Terms:
+        """Terms without a bound of the frequencies outside the band."""
+        return Terms.of(self._spectrum, self.band.spectrum_b, self.band.rings, self._error, 0.0)
+
+    @cached_property
+    def terms(self) -> Terms:
+        """Terms with bounds for verdicts."""
+        tail = self._spectrum.tail(self.band.rings, self.band.shared.norms[0])
+        return self.sums._replace(
+            bounds=self.sums.bounds + BOUND_ROUNDING * math.sqrt(tail) * math.sqrt(self.band.tail_b)
+        )
+
+    @cached_property
+    def slopes(self) -> list[Terms]:
+        """Terms of the derivative along each axis."""
+        waves = 2j * math.pi * self.band.rings.indices / self.band.rings.lengths
+        return [self.sums._replace(products=self.sums.products * wave) for wave in waves.T]
 
 
 def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:

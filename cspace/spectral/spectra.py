@@ -24,15 +24,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Bytes, Floats, Ints
+from cspace.arrays import Bytes, Floats, Ints
 from cspace.check import check_finite
 from cspace.compiling import kernel
 from cspace.errors import InputError, import_optional
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, count_cells, free_bytes
 from cspace.spectral.bump import (
     MIN_TOLERANCE,
-    PAIR_FLOOR,
-    PAIR_TOLERANCE,
     SAFETY_FACTOR,
     TABLE_HALF_WIDTH,
     Bump,
@@ -508,30 +506,31 @@ class Rings(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """Band-limited spectrum of a descriptor, and a bound of its tail.
+    """Band-limited spectrum of a descriptor.
 
     ``values``, shape (n,), in ring order, metres to the power ``dim``, are ``F(w)`` with the origin in the center of
-    the balls, and ``error`` bounds the error of each. ``tail`` bounds the energy of all frequencies outside the band:
-    the integral of the squared descriptor minus the energy in the band (Parseval).
+    the balls, and ``error`` bounds the error of each.
     """
 
     values: Complexes
     error: float
-    tail: float
 
     @classmethod
-    def of(
-        cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float, norm: tuple[float, float]
-    ) -> Spectrum:
-        """Transform a ball set about a point; ``norm`` is its :func:`norm_square`."""
+    def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
+        """Transform a ball set about a point."""
         box = ball_spectrum(balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
-        values = rings.to_rings(box)
         moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
         error = balls.integral * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
-        moduli = np.abs(values)
-        inside = float((rings.twice * moduli * (moduli - 2.0 * error)).sum()) / rings.volume
-        total, off = norm
-        return cls(values, error, max(0.0, total - inside) + off + 2.0**-44 * total)
+        return cls(rings.to_rings(box), error)
+
+    def tail(self, rings: Rings, norm: tuple[float, float]) -> float:
+        """Bound the energy of all frequencies outside the band (Parseval).
+
+        It is the integral of the squared descriptor, :func:`norm_square`, minus the energy in the band.
+        """
+        moduli, (total, off) = np.abs(self.values), norm
+        inside = float((rings.twice * moduli * (moduli - 2.0 * self.error)).sum()) / rings.volume
+        return max(0.0, total - inside) + off + 2.0**-44 * total
 
 
 class Terms(NamedTuple):
@@ -558,11 +557,11 @@ class Terms(NamedTuple):
     lengths: Floats
 
     @classmethod
-    def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float) -> Terms:
+    def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
         """Build the terms of the overlap of A with B.
 
         ``first`` is the spectrum of A, which moves, ``second`` that of B. Within the band, the sum of the moduli bounds
-        the remaining terms. Outside, the product of the two tail norms bounds them (Cauchy and Schwarz). ``far``, in
+        the remaining terms. Outside, ``tail`` does, the product of the two tail norms (Cauchy and Schwarz). ``far``, in
         metres, bounds the rounding of a placement.
         """
         weights = rings.twice / rings.volume
@@ -571,7 +570,6 @@ class Terms(NamedTuple):
         moduli = np.abs(products)
         errors = weights * (a * second.error + b * first.error + first.error * second.error)
         per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
-        tail = math.sqrt(first.tail) * math.sqrt(second.tail)
         after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
         # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per term and per ring.
         counts = np.diff(rings.starts)
@@ -641,34 +639,25 @@ def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexe
     return 2, starts[-1], total, terms.bounds[-1]
 
 
-def separate_all(placements: Floats, near: Bools, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-    """Apply :func:`separate` to the ``near`` placements of ``placements``, shape (n, d).
+def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
+    """Apply :func:`separate` to placements, shape (n, d).
 
-    Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2); the overlap of the other
-    placements is zero.
+    Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
     """
-    out = (
-        np.zeros(len(placements), np.uint8),
-        np.zeros(len(placements), np.int64),
-        np.tile([0.0, terms.bounds[0]], (len(placements), 1)),
-    )
+    number = len(placements)
+    out = np.empty(number, np.uint8), np.empty(number, np.int64), np.empty((number, 2))
     phases = np.empty((placements.shape[1], 2 * int(terms.reaches[-1].max()) + 1), np.complex128)
-    separate_each(placements, np.flatnonzero(near), terms, threshold, phases, out)
+    separate_each(np.ascontiguousarray(placements), terms, threshold, phases, out)
     return out
 
 
 @kernel
 def separate_each(
-    placements: Floats,
-    numbers: Ints,
-    terms: Terms,
-    threshold: float,
-    phases: Complexes,
-    out: tuple[Bytes, Ints, Floats],
+    placements: Floats, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
 ) -> None:
-    """Apply :func:`separate` to the placements with these indices; fill ``out``."""
+    """Apply :func:`separate` to each placement; fill ``out``."""
     verdicts, counts, sums = out
-    for n in numbers:
+    for n in range(len(placements)):
         verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(placements[n], terms, threshold, phases)
 
 
@@ -734,26 +723,3 @@ def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> PairTab
     fit = np.polynomial.Chebyshev(chebyshev_coefficients(values[:PAIR_TABLE_NODES]))
     off = float(errors.max()) + SAFETY_FACTOR * float(np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max())
     return lambda distances: (np.asarray(fit(np.minimum(2.0 * distances / reach, 2.0) - 1.0)), off)
-
-
-def touching_overlap(first: BallDescriptor, second: BallDescriptor, swell: float, slack: float) -> float:
-    """Bound the overlap of balls that touched before they grew.
-
-    The result is a lower bound over all pairs; both balls grow by ``swell``. A bump is a mixture of indicators of balls
-    about its center, and the intersection of two balls decreases with the distance of their centers. So the integral of
-    the product of two bumps decreases too. For two radii it is smallest if the balls just touch, so all pairs of radii
-    are tested. ``slack``, in metres, is the rounding by which touching balls may be apart.
-    """
-    bump = first.bump
-    a, b = (part.ravel() for part in np.meshgrid(np.unique(first.radii), np.unique(second.radii)))
-    gaps = a + b + slack
-    values, errors = pair_integrals(bump, a + swell, b + swell, gaps, first.dim)
-    least = math.inf
-    # Integrate individually, to more digits, the pairs that may have the smallest overlap.
-    for n in np.argsort(values - errors):
-        if values[n] - errors[n] > least:
-            break
-        exact = bump.pair_integral(a[n] + swell, b[n] + swell, gaps[n], first.dim)
-        floor = PAIR_FLOOR * (min(a[n], b[n]) + swell) ** first.dim
-        least = min(least, exact * (1.0 - SAFETY_FACTOR * PAIR_TOLERANCE) - floor)
-    return max(0.0, least)

@@ -51,9 +51,6 @@ BISECTION_STEPS = 45
 LOG_CONTACT_DISTANCES = (-11.0, -0.7)
 """Range of log10 of the distance from contact, in sizes of the domain."""
 
-UNSWOLLEN_STEP = 20
-"""Step between placements tested again without swollen balls."""
-
 
 @dataclass(frozen=True)
 class Body:
@@ -259,8 +256,6 @@ def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
     ts[len(ts) - len(contacts) :] = contacts
     meets = collide(ts)
     _judge(tally, case, rotation, ts, meets, overlap.separated(ts).verdict)
-    part = slice(None, None, UNSWOLLEN_STEP)
-    _judge(tally, case, rotation, ts[part], meets[part], overlap.separated(ts[part], swelling=False).verdict)
 
 
 def _judge(tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bools, verdicts: Bytes) -> None:

@@ -192,7 +192,7 @@ def test_verdicts_are_right_about_the_ideal_overlap(seed: int, dim: int, alpha: 
     assert (expected[answers.verdict == Verdict.MISS] < threshold + error).all()
     assert (expected[answers.verdict == Verdict.HIT] > threshold - error).all()
     assert (np.abs(answers.overlap - expected) <= answers.bound + error).all()
-    assert ((answers.frequencies >= 0) & (answers.frequencies <= overlap.frequencies)).all()
+    assert ((answers.frequencies >= 0) & (answers.frequencies <= 1.2 * overlap.frequencies)).all()
     for k, t in enumerate(ts):
         alone = overlap.separated(t)
         assert isinstance(alone.verdict, Verdict)
@@ -202,10 +202,8 @@ def test_verdicts_are_right_about_the_ideal_overlap(seed: int, dim: int, alpha: 
 
 
 @settings(max_examples=5)
-@given(seeds, st.sampled_from([2, 3]), st.floats(0.02, 0.2), st.integers(1, 4), st.booleans())
-def test_verdicts_about_balls_are_right_near_contact(
-    seed: int, dim: int, swell: float, classes: int, swelling: bool
-) -> None:
+@given(seeds, st.sampled_from([2, 3]), st.floats(0.0, 0.2), st.integers(1, 4))
+def test_verdicts_about_balls_are_right_near_contact(seed: int, dim: int, swell: float, classes: int) -> None:
     a, b, rng = draw_ball_sets(dim, seed)
     result = FourierOverlap.of_shapes(a, b, a, b, swell=swell, classes=classes, tolerance=0.3)
     rotation = Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
@@ -223,9 +221,11 @@ def test_verdicts_about_balls_are_right_near_contact(
     gaps = rng.choice([-1.0, 1.0], 30) * 10.0 ** rng.uniform(-9.0, 0.0, 30)
     ts = b[0][j] - turned[0][i] + (a[1][i] + b[1][j] + gaps)[:, None] * directions
     deep = compute_depth(turned, b, ts)
-    verdicts = overlap.separated(ts, swelling=swelling).verdict
+    verdicts = overlap.separated(ts).verdict
     assert (deep[verdicts == Verdict.MISS] < 1e-12).all()
     assert (deep[verdicts == Verdict.HIT] > -1e-12).all()
+    assert (verdicts[deep < -1e-12] == Verdict.MISS).all()
+    assert (verdicts[deep > 1e-12] == Verdict.HIT).all()
 
 
 def cover_polygon(shape: Any, side: float) -> tuple[Any, Any]:
@@ -297,33 +297,38 @@ def test_separated_never_hits_without_inner_balls() -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_most_misses_need_few_frequencies(dim: int) -> None:
-    """Expect a median below 5 % for mostly clear placements."""
+def test_most_verdicts_about_overlaps_need_few_frequencies(dim: int) -> None:
+    """Expect a median below 10 % for overlaps away from the threshold."""
     rng = np.random.default_rng(2)
-    shares: dict[bool, list[float]] = {True: [], False: []}
+    shares: list[float] = []
     for _ in range(4):
-        a = rng.uniform(-0.2, 0.2, (6, dim)), np.full(6, 0.1)
-        b = rng.uniform(0.0, 4.0 if dim == 2 else 1.6, (8, dim)), np.full(8, 0.1)
-        overlap = FourierOverlap.of_shapes(a, b, swell=0.1, tolerance=1e-2)
-        ts = draw_placements(overlap, rng, 400)
-        for swelling, early in shares.items():
-            answers = overlap.separated(ts, swelling=swelling)
-            early += (answers.frequencies[answers.verdict == Verdict.MISS] / overlap.frequencies).tolist()
-    assert np.median(shares[True]) < 0.05
-    assert np.median(shares[False]) < 0.05 * 3
-    assert min(shares[False]) > 0.0
+        a = rng.uniform(-0.2, 0.2, (6, dim)), np.full(6, 0.2)
+        b = rng.uniform(0.0, 4.0 if dim == 2 else 1.6, (8, dim)), np.full(8, 0.2)
+        scale = Bump().pair_integral(0.2, 0.2, 0.2, dim)
+        overlap = FourierOverlap(a, b, threshold=scale, tolerance=1e-2)
+        answers = overlap.separated(draw_placements(overlap, rng, 400))
+        decided = (answers.verdict != Verdict.UNDECIDED) & (answers.frequencies > 0)
+        assert decided.sum() > 20 and set(answers.verdict[decided].tolist()) == {Verdict.MISS, Verdict.HIT}
+        shares += (answers.frequencies[decided] / overlap.frequencies).tolist()
+    assert np.median(shares) < 0.1
 
 
-def test_clear_misses_need_no_frequency() -> None:
+def test_verdicts_about_touching_need_no_frequency() -> None:
     a, b = ([[0.0, 0.0], [0.2, 0.0]], 0.1), ([[0.0, 0.0], [3.0, 3.0]], [0.2, 0.3])
     overlap = FourierOverlap(a, b, band=8.0)
     for t in ([1.5, 1.5], [100.0, 0.0], [0.0, -0.45]):
-        answer = overlap.separated(t)
-        assert (answer.verdict, answer.frequencies) == (Verdict.MISS, 0)
-    assert overlap.separated([1.5, 1.5], swelling=False).verdict is Verdict.UNDECIDED
-    assert overlap.separated([100.0, 0.0], swelling=False).frequencies == 0
-    assert overlap.separated([0.0, 0.0]).verdict is Verdict.HIT
-    assert isinstance(overlap.separated([0.0, 0.1]), Separation)
+        assert overlap.separated(t) == Separation(Verdict.MISS, 0, 0.0, 0.0)
+    assert overlap.separated([0.0, 0.0]) == overlap.separated([0.0, 0.1]) == Separation(Verdict.HIT, 0, 0.0, math.inf)
+    assert overlap.separated([0.0, 0.3]).verdict is Verdict.UNDECIDED
+    assert FourierOverlap(a, b, band=8.0, threshold=1e-3).separated([1.5, 1.5]).verdict is Verdict.MISS
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_verdicts_are_neither_true_nor_false(verdict: Verdict) -> None:
+    with pytest.raises(InputError, match="neither true nor false; compare it"):
+        bool(verdict)
+    with pytest.raises(InputError):
+        assert not FourierOverlap(ONE, ONE, band=9.0).separated([0.0, 0.0]).verdict
 
 
 # ---- at the edges, and what is refused -------------------------------------------------------------------------------
@@ -428,9 +433,9 @@ INNER, OUTER = (
     (lambda: FourierOverlap(ONE, ONE, accuracy=1e-30), "tolerance"),
     (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
     (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
+    (lambda: FourierOverlap(([[0.0, 0.0]], 1e-120), ([[0.0, 0.0]], 1e-120)), "underflow"),
     (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
-    (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.0), "swell"),
-    (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=1e-7), "larger swell"),
+    (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=-0.1), "swell"),
     (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
     (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE, swell=0.1), "both"),
     (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "all in space"),
