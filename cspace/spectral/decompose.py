@@ -36,6 +36,7 @@ from cspace.spectral.regions import (
     bound_balls_to_shape,
     bound_distance,
     bound_shape_to_balls,
+    cube_gaps,
 )
 
 if TYPE_CHECKING:
@@ -55,6 +56,10 @@ BALL_READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json,
 BALL_SUFFIX_RULE: Final = "balls go into .yaml, .yml or .json"
 
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
+
+
+Gap = tuple[float, float]
+"""Lower and upper bound of a one-sided Hausdorff distance, metres."""
 
 
 class Bounds(NamedTuple):
@@ -229,6 +234,9 @@ CONTAINMENT_TOLERANCE: Final = 0.02
 CELL_SUBDIVISIONS: Final = (1, 2, 4, 8, 16)
 """Numbers of parts per side into which cells without a ball nearby are divided."""
 
+MAX_HALVED_BALLS: Final = 200
+"""Number of balls up to which choices of half and a quarter of them are tried, too."""
+
 UNLIMITED_BALLS: Final = 2**40
 """More balls than there are."""
 
@@ -258,7 +266,8 @@ def decompose(
     kind : {"inner", "outer"}
         Whether every ball lies in the shape, or the union of the balls covers it.
     number : int, optional
-        Largest number of balls; there are fewer if more would add no cells.
+        Largest number of balls. Their distance is the smallest that was found, and is at most that of a tolerance with
+        as many balls, or nearly so.
     tolerance : float, optional
         Metres. For "inner", the largest distance of a point of the shape from the balls; for "outer", the largest
         distance of a point of the balls from the shape. Pass either this or ``number``.
@@ -288,18 +297,17 @@ def decompose(
     if count is not None and not 0.0 < region.size < np.inf:
         problem, rule = f"is {number}, but the shape is {region.size:g} m across", "its lattice needs a finite size"
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
-    for finer in LATTICE_REFINEMENTS:
+    best, gap = None, (0.0, math.inf)
+    for finer in LATTICE_REFINEMENTS if count else (1,):
         lattice = Lattice.for_count(region, count, finer) if count else Lattice.for_tolerance(region, length or 0.0)
-        centers, radii = (_fill_shape if kind == "inner" else _cover_shape)(lattice, count, length)
-        if not count or len(radii) >= MIN_USED_FRACTION * count:
+        centers, radii, found, used = (_fill_shape if kind == "inner" else _cover_shape)(lattice, count, length)
+        if best is None or found[1] < gap[1]:
+            best, gap = (centers, radii), found
+        if count and used >= MIN_USED_FRACTION * count:
             break
+    centers, radii = best or (centers, radii)
     order = np.argsort(-radii, kind="stable")
     centers, radii = centers[order], radii[order]
-    gap = (
-        bound_shape_to_balls(lattice, centers, radii)
-        if kind == "inner"
-        else bound_balls_to_shape(region, centers, radii)
-    )
     measures = Bounds(*bound_ball_measure(centers, radii)), Bounds(*region.measure)
     return BallDecomposition(centers, radii, kind, *measures, Bounds(*gap), region.shape)
 
@@ -307,64 +315,123 @@ def decompose(
 # ---- choice of balls -------------------------------------------------------------------------------------------------
 
 
-def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
-    """Return centers and radii of balls in a shape, metres.
+def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
+    """Return centers and radii of balls in a shape, metres, bounds of their distance to it, and their number.
 
-    There are ``number`` of them, or enough for a tolerance.
+    There are at most ``number`` of them, or enough for a tolerance.
     """
-    inside = _medial_balls(lattice)
-    inside = inside.select(inside.depths > 0.0)
-    if not len(inside.depths):
-        inside = _deepest_points(lattice, lattice.cell_centers)
-    reached = 0.0
+    inside = _inner_candidates(lattice)
+    open_cells, gap = 0, None
     if number is None:
         cover, balls = _choose_cover(lattice, inside, (tolerance or 0.0) / lattice.side, inside=True)
-        reached = np.inf if len(cover.open_cells) else 0.0
-        centers = balls.centers[cover.trim(balls) > 0.0]
+        open_cells = len(cover.open_cells)
+        centers = lattice.to_metres(balls.centers[cover.trim(balls) > 0.0])
+        radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
-        cover = Cover(lattice, whole=False)
-        chosen = cover.choose(inside, number)
-        if not len(chosen):  # the shape is so thin that it contains no cell center
-            chosen = np.argsort(-inside.depths)[:number]
-        centers = inside.centers[chosen]
-        cover.polish(centers, inside.depths[chosen])
-    centers = lattice.to_metres(centers)
-    radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
-    centers, radii = centers[radii > 0.0], radii[radii > 0.0]
+        centers, radii, _, gap = _nearest_balls(
+            lattice, [*_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)]
+        )
+    inside_shape = radii > 0.0
+    centers, radii = centers[inside_shape], radii[inside_shape]
     if not len(radii):
         problem, rule = "is too thin for any ball that was found", "inner balls need an inside"
         raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
-    if reached and (reached := bound_shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
-        problem = f"is {tolerance:g} m, but {len(radii)} balls are proven within {reached:g} m of the shape only"
+    if gap is None or not inside_shape.all():
+        gap = bound_shape_to_balls(lattice, centers, radii)[:2]
+    if open_cells and gap[1] > (tolerance or 0.0):
+        problem = f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the shape only"
         rule, hint = "parts thinner than the lattice have no balls", "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", problem, rule, hint, value=tolerance)
-    return centers, radii
+    return centers, radii, gap, len(radii)
 
 
-def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
-    """Return centers and radii of balls that cover a shape, metres.
+def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
+    """Return centers and radii of balls that cover a shape, metres, bounds of their distance, and how many were tried.
 
     There are at most ``number`` balls, or they stick out by at most ``tolerance``.
     """
     candidates = _medial_balls(lattice)
-
-    def cover_within(length: float) -> LatticeBalls | None:
-        """Return balls that stick out by at most ``length``, or None if that takes more than ``number``."""
-        cover, balls = _choose_cover(lattice, candidates, length, inside=False, most=number or UNLIMITED_BALLS)
-        if len(cover.open_cells):
-            return None
-        balls = balls._replace(reaches=cover.trim(balls))
-        return balls.select(balls.reaches > 0.0)
-
     if tolerance is not None:
-        balls = cover_within(tolerance / lattice.side)
+        balls = _cover_within(lattice, candidates, tolerance / lattice.side, UNLIMITED_BALLS, inside=False)
     else:
-        balls = _bisect_length(cover_within, 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side)
+        balls = _cover_with(lattice, candidates, number or UNLIMITED_BALLS, inside=False)
     if balls is None:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
         raise InputError(name, problem, "their union must contain the shape", f"pass a larger {name}", value=value)
-    return lattice.to_metres(balls.centers), balls.reaches * lattice.side
+    centers, radii, tried = lattice.to_metres(balls.centers), balls.reaches * lattice.side, len(balls.reaches)
+    if number is not None:
+        # Cells as a whole are larger than what must be covered, so grow balls of the same centers to what is needed.
+        # Balls that fill the shape are nearer where it is smooth.
+        centers, depths, growths, _ = _nearest_balls(lattice, [*_fill_greedily(lattice, number), balls])
+        tried, radii = len(centers), (depths + growths) * (1.0 + 2.0**-40)
+        centers, radii = centers[radii > 0.0], radii[radii > 0.0]
+    return centers, radii, bound_balls_to_shape(lattice.region, centers, radii), tried
+
+
+def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tuple[Floats, Floats, Floats, Gap | None]:
+    """Return the balls whose largest distance from a point of the shape is smallest.
+
+    They are the largest balls in the shape around the centers of a choice: their centers and radii, metres, how much
+    each must grow for all to cover the shape, and bounds of that distance. Radii are negative outside the shape.
+    """
+    points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
+    found: tuple[Floats, Floats, Floats, Gap | None] = (np.empty((0, lattice.region.dim)), *np.empty((2, 0)), None)
+    for choice in choices:
+        if choice is None or not len(choice.centers):
+            continue
+        centers = lattice.to_metres(choice.centers)
+        depths = lattice.region.depths(centers)
+        # A few points of the shape show that most choices are not the nearest.
+        if best == math.inf or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best:
+            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
+            if growths.max() < best:
+                best, found = float(growths.max()), (centers, depths, growths, (low, high))
+    return found
+
+
+def _inner_candidates(lattice: Lattice) -> LatticeBalls:
+    """Return balls in the shape from which to choose."""
+    inside = _medial_balls(lattice)
+    inside = inside.select(inside.depths > 0.0)
+    return inside if len(inside.depths) else _deepest_points(lattice, lattice.cell_centers)
+
+
+def _fill_greedily(lattice: Lattice, number: int) -> list[LatticeBalls]:
+    """Return choices of at most ``number`` balls in the shape that contain many cell centers.
+
+    Fewer balls may be nearer to all points, because a choice ends when all cell centers lie in balls.
+    """
+    inside, choices = _inner_candidates(lattice), []
+    for count in {number, *((number // 2, number // 4) if number <= MAX_HALVED_BALLS else ())} - {0}:
+        cover = Cover(lattice, whole=False)
+        chosen = cover.choose(inside, count)
+        if not len(chosen):  # the shape is so thin that it contains no cell center
+            chosen = np.argsort(-inside.depths)[:count]
+        balls = inside.select(chosen)
+        cover.polish(balls.centers, balls.depths)
+        choices.append(balls)
+    return choices
+
+
+def _cover_with(lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool) -> LatticeBalls | None:
+    """Return at most ``number`` balls that cover all cells after the least growth, or None."""
+
+    def cover_within(length: float) -> LatticeBalls | None:
+        return _cover_within(lattice, candidates, length, number, inside=inside)
+
+    return _bisect_length(cover_within, 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side)
+
+
+def _cover_within(
+    lattice: Lattice, candidates: LatticeBalls, length: float, number: int, *, inside: bool
+) -> LatticeBalls | None:
+    """Return balls that stick out by at most ``length``, in sides, or None if that takes more than ``number``."""
+    cover, balls = _choose_cover(lattice, candidates, length, inside=inside, most=number)
+    if len(cover.open_cells):
+        return None
+    balls = balls._replace(reaches=cover.trim(balls))
+    return balls.select(balls.reaches > 0.0)
 
 
 def _choose_cover(

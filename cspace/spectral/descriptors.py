@@ -447,10 +447,17 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
 def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     """Multiply descriptors sampled on one grid.
 
+    A product of values other than zero that underflows becomes the smallest normal number, with its sign, so that the
+    cells above zero are exactly those of the intersection.
+
     Raises InputError if one is not sampled (the product of two bumps is no bump), or the grids differ.
     """
     sampled = _on_one_grid((first, *others))
-    return Descriptor(sampled[0].grid, reduce(np.multiply, [each.values for each in sampled]))
+    factors = [each.values for each in sampled]
+    product = reduce(np.multiply, factors)
+    lost = (np.abs(product) < _TINY) & reduce(np.logical_and, [values != 0.0 for values in factors])
+    signs = reduce(np.multiply, [np.sign(values) for values in factors])
+    return Descriptor(sampled[0].grid, np.where(lost, _TINY * signs, product))
 
 
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:

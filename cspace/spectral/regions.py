@@ -424,30 +424,34 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
     return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
 
 
-def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float]:
+def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float, Floats]:
     """Bound the largest distance from the shape to the balls, metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
-    point are halved until the bounds are close.
+    point are halved until the bounds are close. Each box lies in the ball that contains it after the least growth: the
+    third result, shape (n,), is the growth of each ball that contains all its boxes, -inf for a ball without boxes. So
+    the grown balls cover the shape.
     """
     region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
     low = float(cube_gaps(region.inner.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
     box_centers, high = lattice.to_metres(lattice.cell_centers), 0.0
+    growths = np.full(len(radii), -np.inf)
     halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))
     for level in range(MAX_GAP_HALVINGS + 1):
-        near, far = cube_gaps(box_centers, half, centers, radii)
+        near, far, owners = cube_gaps(box_centers, half, centers, radii)
         deeper = near > low
         low = max(low, float(near[deeper][region.depths(box_centers[deeper]) > 0.0].max(initial=0.0)))
         left = far > low + max(GAP_TOLERANCE * low, SIZE_TOLERANCE * region.size)
         if level == MAX_GAP_HALVINGS or np.count_nonzero(left) * len(halves) > MAX_GAP_BOXES:
-            left[:], high = False, max(high, float(far[left].max(initial=0.0)))
+            left[:] = False
         high = max(high, float(far[~left].max(initial=0.0)))
+        np.maximum.at(growths, owners[~left], far[~left])
         box_centers, half = (box_centers[left, None] + half * halves).reshape(-1, dim), 0.5 * half
         box_centers = box_centers[region.gaps(box_centers) <= half * math.sqrt(dim) * (1.0 + 1e-9) + error]
         if not len(box_centers):
             break
-    return max(low - error, 0.0), max(high, low) + error
+    return max(low - error, 0.0), max(high, low) + error, growths + error
 
 
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
@@ -465,24 +469,42 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
     return min(low, high), high
 
 
-@jit
-def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats]:
-    """Measure cubes of half side ``half`` around points against balls.
+def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats, Ints]:
+    """Measure cubes of half side ``half`` around points against balls, in threads.
 
-    Returns the distance from each point to the nearest ball, and the length by which one ball must grow to contain the
-    cube, both shape (n,). Both are negative deep in a ball.
+    Returns the distance from each point to the nearest ball, the least length by which a ball must grow to contain the
+    cube, and that ball, all of shape (n,). Lengths are negative deep in a ball.
     """
+    near, far, owners = np.empty(len(points)), np.empty(len(points)), np.empty(len(points), dtype=np.int64)
+
+    def work(start: int, stop: int) -> int:
+        part = slice(start, stop)
+        measure_cubes(points[part], half, centers, radii, near[part], far[part], owners[part])
+        return -1
+
+    in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
+    return near, far, owners
+
+
+@kernel
+def measure_cubes(
+    points: Floats, half: float, centers: Floats, radii: Floats, near: Floats, far: Floats, owners: Ints
+) -> None:
+    """Fill the results of :func:`cube_gaps`."""
     dim = points.shape[1]
-    near, far = np.empty(len(points)), np.empty(len(points))
     for n in range(len(points)):
-        nearest, growth = math.inf, math.inf
+        nearest, growth, owner = math.inf, math.inf, 0
         for m in range(len(centers)):
             center, corner = 0.0, 0.0
             for axis in range(dim):
                 d = abs(points[n, axis] - centers[m, axis])
                 center += d * d
                 corner += (d + half) * (d + half)
-            nearest = min(nearest, math.sqrt(center) - radii[m])
-            growth = min(growth, math.sqrt(corner) - radii[m])
-        near[n], far[n] = nearest, growth
-    return near, far
+            # Few balls are nearer than all before, so that most roots are not needed.
+            reach = max(nearest + radii[m], 0.0)
+            if center < reach * reach:
+                nearest = math.sqrt(center) - radii[m]
+            reach = max(growth + radii[m], 0.0)
+            if corner < reach * reach:
+                growth, owner = math.sqrt(corner) - radii[m], m
+        near[n], far[n], owners[n] = nearest, growth, owner

@@ -160,7 +160,7 @@ def test_decompose_refuses_to_exceed_the_memory(monkeypatch):
 def test_plot_draws_balls_and_their_shape(shape, text):
     spheres = decompose(shape, number=6)
     ax = spheres.plot()
-    assert f"6 inner {text}" in ax.get_title()
+    assert f"{len(spheres)} inner {text}" in ax.get_title()
     low, high = ax.get_xlim()
     assert low < spheres.shape.outer.bounds[0][0] < spheres.shape.outer.bounds[1][0] < high
     assert len(ax.collections) == 2

@@ -255,6 +255,28 @@ def test_inner_balls_avoid_the_cavity_of_a_hollow_mesh():
     assert balls.shape_measure.lower <= 1 - 0.6**3 <= balls.shape_measure.upper
 
 
+NEAR = {
+    "ell": (ELL, 0.1),
+    "ring": (FLAT["ring"], 0.06),
+    "box": (SOLIDS["box"], 0.15),
+    "torus": (SOLIDS["torus"], 0.15),
+    "capsule": (trimesh.creation.capsule(1.0, 0.3, count=[12, 12]), 0.05),
+}
+
+
+@pytest.mark.parametrize("kind", BALL_KINDS)
+@pytest.mark.parametrize("name", NEAR)
+def test_more_balls_are_nearer_and_as_near_as_with_a_tolerance(name, kind):
+    shape, tolerance = NEAR[name]
+    distances = [decompose(shape, kind=kind, number=number).hausdorff.upper for number in (6, 12, 24, 48)]
+    # Bounds of a distance differ by up to 2 %.
+    assert (np.diff(distances) <= 0.02 * np.array(distances[:-1])).all()
+    assert distances[-1] < 0.7 * distances[0]
+    within = decompose(shape, kind=kind, tolerance=tolerance)
+    again = decompose(shape, kind=kind, number=math.ceil(1.1 * len(within)))
+    assert again.hausdorff.upper <= tolerance
+
+
 def test_decompose_is_deterministic():
     one, other = (decompose(ELL, number=20) for _ in range(2))
     assert (one.centers == other.centers).all()

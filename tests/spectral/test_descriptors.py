@@ -58,6 +58,15 @@ def test_union_and_intersection_act_on_superlevel_sets(shape, seed):
     np.testing.assert_array_equal(union(a).values, f)
 
 
+def test_intersections_do_not_underflow():
+    tiny, smaller, normal = (place_on_grid(np.array([[low, -low, 0.0]])) for low in (1e-200, 1e-300, 1.0))
+    for other in (tiny, smaller):
+        both = intersection(tiny, other)
+        np.testing.assert_array_equal(np.sign(both.values), [[1.0, 1.0, 0.0]])
+        np.testing.assert_array_equal(superlevel(intersection(both, normal)), [[True, False, False]])
+    np.testing.assert_array_equal(intersection(tiny, normal).values, [[1e-200, 1e-200, 0.0]])
+
+
 def test_superlevel_is_strict():
     values = np.array([[0.0, 0.5], [0.5 + 1e-15, -1.0]])
     np.testing.assert_array_equal(superlevel(place_on_grid(values), 0.5), [[False, False], [True, False]])
