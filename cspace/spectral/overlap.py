@@ -40,6 +40,7 @@ from cspace.spectral.spectra import (
     Rings,
     Spectrum,
     Terms,
+    ball_spectrum,
     estimate_band,
     evaluate_real_series,
     norm_square,
@@ -335,6 +336,16 @@ class FourierOverlap:
         sums = self._sums(t, [self._levels[-1].sums, *self._levels[-1].slopes])
         return sums[..., 0], sums[..., 1:]
 
+    def rotation_gradient(self, t: ArrayLike) -> Floats:
+        """Compute the derivative of :meth:`value` with respect to a rotation of A about the origin of its frame.
+
+        In the plane, the derivative with respect to the angle, shape (...); in space, the vector whose product with a
+        unit axis is the derivative with respect to the angle about it, shape (..., 3). Square or cubic metres per
+        radian: beside :meth:`gradient` as torque is beside force.
+        """
+        sums = self._sums(t, self._levels[-1].twists)
+        return sums if self.dim == 3 else sums[..., 0]
+
     def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
         """Return the overlap with A rotated about the origin of its frame.
 
@@ -509,6 +520,26 @@ class _Level:
         return self.sums._replace(
             bounds=self.sums.bounds + BOUND_ROUNDING * math.sqrt(tail) * math.sqrt(self.band.tail_b)
         )
+
+    @cached_property
+    def twists(self) -> list[Terms]:
+        """Terms of the derivative with respect to rotations of A about the origin of its frame.
+
+        A rotation by the vector e moves a ball around p by ``e x p``, so F_A changes by ``-2 pi i w.(e x p)`` times the
+        ball's part. The sums of ``p`` times these parts are spectra of weighted balls.
+        """
+        rings, shared, a = self.band.rings, self.band.shared, self._a
+        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, shared.accuracy
+        moments = [rings.to_rings(ball_spectrum(*shape, weights=column)) for column in a.centers.T]
+        waves = (rings.indices / rings.lengths).T
+        pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
+        scale = rings.twice / rings.volume * self.band.spectrum_b.values
+        return [
+            self.sums._replace(
+                products=scale * (-2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i])).conj()
+            )
+            for i, j in pairs
+        ]
 
     @cached_property
     def slopes(self) -> list[Terms]:

@@ -105,7 +105,14 @@ PERIOD_SLACK: Final = 1e-9
 
 
 def ball_spectrum(
-    centers: ArrayLike, radii: ArrayLike, bump: Bump, lengths: ArrayLike, counts: ArrayLike, tolerance: float = 1e-9
+    centers: ArrayLike,
+    radii: ArrayLike,
+    bump: Bump,
+    lengths: ArrayLike,
+    counts: ArrayLike,
+    tolerance: float = 1e-9,
+    *,
+    weights: ArrayLike | None = None,
 ) -> Complexes:
     """Compute the spectrum of balls on a lattice of frequencies.
 
@@ -123,7 +130,10 @@ def ball_spectrum(
         Periods, metres, and number of frequencies along each axis: ``k`` from ``-(count // 2)`` to ``(count - 1) //
         2``.
     tolerance : float
-        Largest error, relative to the largest value ``F(0)``; from 1e-12 to 0.1.
+        Largest error, relative to the largest value ``F(0)``; from 1e-12 to 0.1. With weights, relative to the sum of
+        the moduli of the balls' integrals.
+    weights : array-like, shape (n,), optional
+        Factor of each ball's bump, of any sign.
 
     Returns
     -------
@@ -142,7 +152,15 @@ def ball_spectrum(
     # The number of transforms without a basis; sums over few balls count as fractions.
     alone = float(np.minimum(1.0, np.unique(sizes, return_counts=True)[1] / MAX_SUMMED_BALLS[dim]).sum())
     terms = radius_basis(kind, sizes, lattice.moduli, dim, within, alone) if alone > MIN_BASIS_TRANSFORMS else None
-    return lattice.spectrum(_terms_by_radius(kind, sizes, lattice.moduli, dim, within) if terms is None else terms)
+    if terms is None:
+        terms = _terms_by_radius(kind, sizes, lattice.moduli, dim, within)
+    if weights is not None:
+        factors = check_finite(weights, "weights")
+        if factors.shape != sizes.shape:
+            rule = f"there must be one for each of {len(sizes)} balls"
+            raise InputError("weights", f"has shape {factors.shape}", rule, "pass numbers", value=weights)
+        terms = (term._replace(strengths=term.strengths * factors[term.members]) for term in terms)
+    return lattice.spectrum(terms)
 
 
 # ---- non-uniform transforms ------------------------------------------------------------------------------------------

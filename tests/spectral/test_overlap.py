@@ -140,6 +140,29 @@ def test_gradient_agrees_with_finite_differences(dim: int) -> None:
         assert gradient == pytest.approx(overlap.gradient(positions), abs=1e-7 * np.abs(gradients).max())
 
 
+@settings(max_examples=8)
+@given(seeds, st.sampled_from([2, 3]))
+def test_rotation_gradient_agrees_with_finite_differences(seed: int, dim: int) -> None:
+    a, b, rng = draw_ball_sets(dim, seed)
+    start = FourierOverlap(a, b, band=8.0)
+    overlap = start.rotated(0.4 if dim == 2 else Rotation.from_rotvec([0.3, -0.2, 0.5]))
+    ts = draw_placements(overlap, rng, 6)
+    h = 1e-5
+    axes: list[Any] = [1.0] if dim == 2 else list(np.eye(3))
+
+    def turn(vector: Any) -> Any:
+        return overlap.rotated(vector if dim == 2 else Rotation.from_rotvec(vector))
+
+    slopes = [(turn(h * axis).value(ts) - turn(-h * axis).value(ts)) / (2.0 * h) for axis in axes]
+    expected = np.stack(slopes, axis=-1) if dim == 3 else slopes[0]
+    found = overlap.rotation_gradient(ts)
+    scale = np.abs(overlap.gradient(ts)).max() * (1.0 + np.abs(a[0]).max())
+    assert found == pytest.approx(expected, abs=1e-5 * scale + 1e-9)
+    assert overlap.rotation_gradient(ts[0]) == pytest.approx(found[0], abs=1e-9 * scale)
+    many = np.tile(ts, (8, 1))
+    assert overlap.rotation_gradient(many) == pytest.approx(np.concatenate([found] * 8), abs=1e-6 * scale)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_batches_of_any_shape_agree_with_single_values(dim: int) -> None:
     a, b, rng = draw_ball_sets(dim, 13)

@@ -169,3 +169,20 @@ except cspace.MissingPackageError as error:
 """,
     )
     assert 'pip install "cspace[spectral]"' in output
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("number", [5, 120])
+def test_weights_multiply_the_bumps(dim: int, number: int) -> None:
+    rng = np.random.default_rng(number)
+    centers, radii = rng.uniform(0.0, 1.0, (number, dim)), rng.choice([0.1, 0.2], number)
+    weights = rng.normal(size=number)
+    found = ball_spectrum(centers, radii, Bump(), 2.0, 9, weights=weights)
+    expected = sum(
+        weight * ball_spectrum(center[None], radius, Bump(), 2.0, 9, 1e-12)
+        for weight, center, radius in zip(weights, centers, radii, strict=True)
+    )
+    scale = ball_spectrum(centers, radii, Bump(), 2.0, 9).flat[0].real
+    assert np.abs(found - expected).max() <= 1e-9 * scale * np.abs(weights).max()
+    with pytest.raises(InputError, match="one for each of"):
+        ball_spectrum(centers, radii, Bump(), 2.0, 9, weights=weights[1:])
