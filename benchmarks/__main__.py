@@ -22,6 +22,7 @@ BENCHMARKS = {
     "edges": "10^6 edges of 50 cells in one call, against OMPL's discrete validator; turns and solids too",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
     "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
+    "paths": "lengths of default paths, against OMPL on equal collision checks; drives, and replanning",
     "rotations": "SE(3) and R^3 x yaw: builds, look-ups, edges and plans, against FCL and a loop of fftconvolve",
     "arms": "paths of arms, against OMPL with coal in the callback and VAMP; motions called free that are not",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",

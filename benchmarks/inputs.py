@@ -26,6 +26,18 @@ def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, eac
     return occupied
 
 
+def rooms(size: int, rng: np.random.Generator, side: int = 80) -> Bools:
+    """Draw square rooms of ``side`` cells, with doors of 24 to 40 cells in all walls and furniture."""
+    occupied = boxes(size, 0.03, rng, each=1)
+    for wall in range(0, size, side):
+        occupied[wall : wall + 4] = occupied[:, wall : wall + 4] = True
+    for wall, room in np.ndindex(size // side, size // side):
+        for cells in (occupied, occupied.T):
+            first, width = side * room + rng.integers(10, side - 50), rng.integers(24, 41)
+            cells[side * wall - 8 : side * wall + 12, first : first + width] = False
+    return occupied
+
+
 def data_folder() -> Path | None:
     """Return the folder ``CSPACE_TEST_DATA`` of real maps, or None."""
     folder = Path(os.environ.get("CSPACE_TEST_DATA", ""))

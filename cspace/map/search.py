@@ -22,8 +22,11 @@ Position = tuple[int, int, int]
 GridCell = tuple[int, int, int, int]
 """Rotation cell, and position along three axes."""
 
-SHORT_WEIGHT: Final = 1.05
+SHORT_WEIGHT: Final = 1.1
 """Weight of the remaining length in searches for short chains; the last few per cent cost most of the time."""
+
+GUIDE_WEIGHT: Final = 1.05
+"""Largest weight of the remaining length in searches of guides, whose costs are to be near the least."""
 
 GREEDY_WEIGHT: Final = 8.0
 """Weight of the remaining length if any chain will do, because the map is too large for the cost of each cell."""
@@ -132,7 +135,7 @@ class Graph(NamedTuple):
         start_index, goal_index = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (start, goal))
         if start_index == goal_index:
             return start[None]
-        heuristic = self._heuristic(start, goal, guides, until)
+        heuristic = self._heuristic(start, goal, guides, until, min(greed, GUIDE_WEIGHT))
         trace, indices = (
             self._search(Task(start_index, goal_index, greed, 0.0, heuristic), until),
             np.empty(0, np.int64),
@@ -141,8 +144,11 @@ class Graph(NamedTuple):
         trace_back(self, trace.reached_by, start_index, goal_index, indices)
         return np.stack(np.unravel_index(indices, shape), axis=-1)
 
-    def _heuristic(self, start: Ints, goal: Ints, guides: Sequence[Guide], until: float) -> Heuristic:
-        """Return the estimate of the cost to the goal, by a search of the first guide from the goal back."""
+    def _heuristic(self, start: Ints, goal: Ints, guides: Sequence[Guide], until: float, greed: float) -> Heuristic:
+        """Return the estimate of the cost to the goal, by a search of the first guide from the goal back.
+
+        ``greed`` is the weight of that search's remaining length.
+        """
         rotation_costs, no_costs = self._rotation_costs(goal[0]), np.empty(0, dtype=np.float32)
         if not guides:
             same = np.zeros_like(rotation_costs)
@@ -152,9 +158,8 @@ class Graph(NamedTuple):
         shape = (len(guide.graph.slice_of), *guide.graph.shape[4 - len(start) :])
         first_index, last_index = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (first, last))
         relative = [each.relative_to(guide) for each in coarser]
-        task = Task(
-            first_index, last_index, 1.0, MAX_DETOUR_CELLS, guide.graph._heuristic(first, last, relative, until)
-        )
+        estimate = guide.graph._heuristic(first, last, relative, until, greed)
+        task = Task(first_index, last_index, greed, MAX_DETOUR_CELLS, estimate)
         costs = guide.graph._search(task, until).cost
         least = guide.block * (float(costs[last_index]) + MAX_DETOUR_CELLS)
         rest = rotation_costs if shape[0] == 1 else np.zeros_like(rotation_costs)
