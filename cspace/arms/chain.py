@@ -22,6 +22,7 @@ than 2^-48 of the arm's reach, so that a point is off by less than 2^-42 of it: 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
 from cspace.kernels import add_scaled, cross, dot, minus, rotate, row_at
 from cspace.map.batches import as_contiguous
+from cspace.threads import in_chunks
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -38,6 +40,10 @@ MAX_BODIES: Final = 64
 
 FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
 """Kinds of joints."""
+
+
+MIN_POSES_PER_THREAD: Final = 2000
+"""Configurations below which a second thread costs more than it saves."""
 
 
 class Chain(NamedTuple):
@@ -199,9 +205,35 @@ def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: F
     return displacement, curvature, rotation
 
 
-def body_poses(chain: Chain, q: Floats) -> Floats:
-    """Return the pose of every body, shape (b, 3, 4)."""
-    poses = np.empty((len(chain.parents), 3, 6))
-    row = as_contiguous(q)
-    forward_kinematics(chain, row, row, 0.0, poses)
-    return poses[:, :, :4]
+@kernel
+def place_bodies(chain: Chain, points: Floats, bodies: Ints, scratch: Floats, poses: Floats) -> None:
+    """Write the poses of some bodies, shape (n, k, 4, 4), at configurations, shape (n, dof).
+
+    ``scratch`` has shape (b, 3, 6).
+    """
+    for n in range(len(points)):
+        forward_kinematics(chain, points[n], points[n], 0.0, scratch)
+        for k in range(len(bodies)):
+            for i in range(3):
+                for j in range(4):
+                    poses[n, k, i, j] = scratch[bodies[k], i, j]
+            poses[n, k, 3, 0] = poses[n, k, 3, 1] = poses[n, k, 3, 2] = 0.0
+            poses[n, k, 3, 3] = 1.0
+
+
+def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | None = None) -> Floats:
+    """Return the pose of each body, or of some, shape (..., b, 4, 4).
+
+    The configurations have shape (..., dof).
+    """
+    chosen = np.arange(len(chain.parents)) if bodies is None else np.array(bodies, dtype=np.int64)
+    points = as_contiguous(q.reshape(-1, q.shape[-1]))
+    poses = np.empty((len(points), len(chosen), 4, 4))
+
+    def place(start: int, stop: int) -> int:
+        scratch = np.empty((len(chain.parents), 3, 6))
+        place_bodies(chain, points[start:stop], chosen, scratch, poses[start:stop])
+        return -1
+
+    in_chunks(place, len(points), MIN_POSES_PER_THREAD)
+    return poses.reshape(*q.shape[:-1], len(chosen), 4, 4)

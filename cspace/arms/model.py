@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -23,7 +23,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.shapes import ShapeLike, as_shape
 
 if TYPE_CHECKING:
-    from cspace.files.urdf import EndEffector, PackageDirs
+    from cspace.files.urdf import EndEffector, PackageDirs, Srdf
 
 Names = tuple[str, str]
 """Two link names in alphabetical order."""
@@ -46,6 +46,20 @@ differently."""
 
 _FIRST_SAMPLES: Final = 4
 """Configurations tested first, because most pairs are apart in one of them."""
+
+
+class Frame(NamedTuple):
+    """A frame that moves with a body: that of a link or an attached object.
+
+    Attributes
+    ----------
+    body : int
+    pose : ndarray of float64, shape (4, 4)
+        From the frame to that of its body.
+    """
+
+    body: int
+    pose: Floats
 
 
 class Joint(NamedTuple):
@@ -96,7 +110,8 @@ class Arm:
     ----------
     name : str
     joints : tuple of str
-        The joints of a configuration, in its order.
+        The joints of a configuration, in its order: depth-first from the base, and by name where the tree branches, as
+        MoveIt and pinocchio order them.
     lower, upper : ndarray of float64, shape (dof,)
         Their limits; infinite for continuous joints.
     links : tuple of Solid
@@ -104,8 +119,6 @@ class Arm:
     allowed_collisions : dict of pairs of str to str
         Alphabetical pairs of links that may touch, and the reason: ``"adjacent"``, ``"one body"``, ``"always"`` if they
         touch in each of 100 random configurations, ``"held"``, or the reason of the SRDF.
-    frames : dict of str to ndarray of float64, shape (4, 4)
-        From the frame of each link to that of its body.
     chain : Chain
     units : tuple of str
         Units of the joints: "rad", or "m" for prismatic ones.
@@ -114,9 +127,6 @@ class Arm:
         limit of the URDF; infinite if the URDF has none, or zero.
     groups : dict of str to tuple of str
         Joints of each group of the SRDF, in the order of a configuration.
-    named_configurations : dict of str to ndarray of float64, shape (dof,), read-only
-        Group states of the SRDF, by ``"GROUP/STATE"``, such as ``"panda_arm/ready"``; by ``"STATE"`` if one has no
-        group. Joints missing from a state are at zero, or at their nearest limit.
     end_effectors : dict of str to EndEffector
         End effectors of the SRDF, each with ``parent_link``, ``group`` and ``parent_group``.
     """
@@ -127,13 +137,13 @@ class Arm:
     upper: Floats
     links: tuple[Solid, ...]
     allowed_collisions: dict[Names, str]
-    frames: dict[str, Floats]
     chain: Chain
     units: tuple[str, ...]
     max_velocity: Floats
+    _frames: dict[str, Frame]
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    named_configurations: dict[str, Floats] = field(default_factory=dict)
     end_effectors: dict[str, EndEffector] = field(default_factory=dict)
+    _states: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @classmethod
     def from_urdf(
@@ -143,6 +153,8 @@ class Arm:
         tip: str | None = None,
         base: str | None = None,
         *,
+        joints: str | Iterable[str] | None = None,
+        held_joints: Mapping[str, float] | None = None,
         solid: SolidMode = "auto",
         package_dirs: PackageDirs = (),
     ) -> Arm:
@@ -162,10 +174,14 @@ class Arm:
             links may touch if they belong to one body, if a joint connects them, directly or over links without
             geometry, or if they touch in each of 100 fixed random configurations.
         tip : str, optional
-            Only the joints between the base and this link move; the others are held at zero, or at their nearest limit.
-            By default all move.
+            Only the joints between the base and this link move. By default all move.
         base : str, optional
             The link in whose frame obstacles are given; only links below it are read. By default the root.
+        joints : str or iterable of str, optional
+            Only these joints move: a group of the SRDF, or names of joints. Not together with ``tip``.
+        held_joints : mapping of str to float, optional
+            Values of joints that do not move, radians or metres. By default they are at zero, or at their nearest
+            limit.
         solid : {"auto", "surface"}
             Parts of the meshes that are solid: their closed bodies, or none. ``"fill"`` needs a spacing, which arms do
             not have.
@@ -177,12 +193,12 @@ class Arm:
         FileError
             If a file is missing or malformed, or a mesh name matches several files.
         InputError
-            If a folder or link does not exist, no joint moves, limits are missing or reversed, an axis is zero, a joint
-            has another type, or no link has a collision geometry.
+            If a folder, link, joint or group does not exist, no joint moves, limits are missing, reversed or exceeded
+            by a held joint, an axis is zero, a joint has another type, or no link has a collision geometry.
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.files.urdf import load_urdf, package_folders, root_link
+        from cspace.files.urdf import load_urdf, package_folders, read_srdf, root_link
 
         if solid not in ("auto", "surface"):
             rule = "it must be 'auto' or 'surface'"
@@ -194,8 +210,14 @@ class Arm:
             if link is not None and link not in urdf.link_map:
                 rule = f"{file} has {', '.join(urdf.link_map)}"
                 raise InputError(name, f"is {link!r}", rule, "name one of these", value=link)
-        joints = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
-        return _Assembly(file, urdf, joints, base or root_link(urdf), tip).arm(srdf, folders, solid)
+        if tip is not None and joints is not None:
+            raise InputError("joints", "is given with tip", "both say which joints move", "leave one out", value=joints)
+        tree = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
+        read = None if srdf is None else read_srdf(srdf, urdf)
+        chosen = None if joints is None else _choose_joints(joints, {} if read is None else read.groups, tree)
+        assembly = _Assembly(file, urdf, tree, base or root_link(urdf), tip, chosen)
+        assembly.hold({} if held_joints is None else held_joints)
+        return assembly.arm(read, folders, solid)
 
     @property
     def dof(self) -> int:
@@ -206,19 +228,114 @@ class Arm:
         """Return name, joints and links with geometry."""
         return f"Arm({self.name}: {self.dof} joints, {len(self.links)} links with geometry)"
 
-    def poses(self, q: ArrayLike) -> dict[str, Floats]:
-        """Return the pose of each link with geometry, by name.
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of all frames: those of links, also without geometry, and of attached objects."""
+        return tuple(self._frames)
 
-        A pose, shape (4, 4), is from the frame of the link to that of the base.
+    def pose(self, q: ArrayLike, frame: str) -> Floats:
+        """Return the pose of a frame at configurations: its forward kinematics.
 
         Parameters
         ----------
-        q : array-like, shape (dof,)
+        q : array-like, shape (..., dof)
+            Radians and metres.
+        frame : str
+            One of :attr:`frames`: a link, with geometry or without, or an attached object.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., 4, 4)
+            From the frame to that of the base, metres.
+
+        Raises
+        ------
+        InputError
+            If the frame is unknown, or q is not of finite numbers, one for each joint.
         """
-        point = self._check_configurations(q, "q")
-        placed = body_poses(self.chain, point)
-        whole = np.concatenate([placed, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(placed), 1, 4))], axis=1)
-        return {link.name: whole[link.body] @ self.frames.get(link.name, np.eye(4)) for link in self.links}
+        points = self._check_configurations(q, "q")
+        body, pose = self._frames[self._check_frame(frame, "frame")]
+        return np.asarray(body_poses(self.chain, points, [body])[..., 0, :, :] @ pose)
+
+    def poses(self, q: ArrayLike) -> dict[str, Floats]:
+        """Return the pose of every frame, by name; see :meth:`pose`.
+
+        Parameters
+        ----------
+        q : array-like, shape (..., dof)
+
+        Returns
+        -------
+        dict of str to ndarray of float64, shape (..., 4, 4)
+        """
+        poses = body_poses(self.chain, self._check_configurations(q, "q"))
+        return {name: poses[..., frame.body, :, :] @ frame.pose for name, frame in self._frames.items()}
+
+    @cached_property
+    def named_configurations(self) -> dict[str, Floats]:
+        """Group states of the SRDF, each shape (dof,), read-only.
+
+        They are named ``"GROUP/STATE"``, such as ``"panda_arm/ready"``; ``"STATE"`` if one has no group. Joints missing
+        from a state are at zero, or at their nearest limit.
+        """
+        return {name: frozen(self._move_joints(self._rest, self._state(name, "name"))) for name in self._states}
+
+    def configuration(
+        self, values: Mapping[str, float] | str | None = None, base: ArrayLike | str | None = None
+    ) -> Floats:
+        """Return the configuration with joints at values given by name.
+
+        Parameters
+        ----------
+        values : mapping of str to float, or str, optional
+            Values of joints, radians or metres, such as ``{"elbow": 1.0}``; or a group state of the SRDF, such as
+            ``"panda_arm/ready"``, or ``"ready"`` if only one group has a state of that name.
+        base : array-like, shape (dof,), or str, optional
+            Configuration that gives the values of all other joints; or a group state. By default they are at zero, or
+            at their nearest limit.
+
+        Returns
+        -------
+        ndarray of float64, shape (dof,)
+
+        Raises
+        ------
+        InputError
+            If a joint or state is unknown, or a value is not one finite number.
+        ConfigurationError
+            If a value is more than 1e-5 rad (m) beyond the joint's limits.
+        """
+        if isinstance(base, str):
+            q = self._move_joints(self._rest, self._state(base, "base"))
+        else:
+            q = self._rest if base is None else self._check_configurations(base, "base")
+        if q.ndim != 1:
+            rule = "it must be one configuration"
+            raise InputError("base", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=base)
+        self._check_limits(q, "base")
+        given = self._state(values, "values") if isinstance(values, str) else {} if values is None else values
+        moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
+        self._check_limits(moved, "values")
+        return moved
+
+    @property
+    def _rest(self) -> Floats:
+        """Configuration of all joints at zero, or at their nearest limit."""
+        return self._clamp(np.zeros(self.dof))
+
+    def _move_joints(self, q: Floats, values: Mapping[str, float]) -> Floats:
+        """Return a configuration with some joints at given values."""
+        return np.array([values.get(*each) for each in zip(self.joints, q.tolist(), strict=True)])
+
+    def _state(self, name: str, argument: str) -> dict[str, float]:
+        """Return the values of the arm's joints in a group state."""
+        own = [key for key, state in self._states.items() if not state.keys().isdisjoint(self.joints)]
+        names = [name] if name in self._states else [key for key in own if key.partition("/")[2] == name]
+        if len(names) != 1:
+            rule = f"the group states are {', '.join(names or self._states)}" if self._states else "the arm has none"
+            hint = "name one of these" if self._states else "pass srdf= to Arm.from_urdf, or values by joint"
+            raise InputError(argument, f"is {name!r}", rule, hint, value=name)
+        return {joint: value for joint, value in self._states[names[0]].items() if joint in self.joints}
 
     def attach(
         self, name: str, shape: ShapeLike, link: str, pose: ArrayLike | None = None, touch_links: Iterable[str] = ()
@@ -228,11 +345,11 @@ class Arm:
         Parameters
         ----------
         name : str
-            A name that no link has.
+            A name that no frame has. It becomes that of the object's own frame.
         shape : Shape, trimesh.Trimesh, path-like, or anything else that :meth:`cspace.CSpace.add_obstacle` takes
             In space, metres, e.g. ``trimesh.creation.box((0.1, 0.1, 0.2))``.
         link : str
-            The link that carries the object and may touch it.
+            The link that carries the object and may touch it; any of :attr:`frames`, such as ``"tool0"``.
         pose : array-like, shape (4, 4), optional
             From the object's frame to that of the link; the identity by default.
         touch_links : str or iterable of str
@@ -247,7 +364,6 @@ class Arm:
         solid = as_shape(shape)
         if solid.dim != 3:
             raise InputError("shape", "is in the plane", "arms are in space", "pass a solid", value=shape)
-        names = [each.name for each in self.links]
         if not isinstance(name, str):
             raise InputError("name", f"is {name!r}", "it must be a string", "pass e.g. 'tool'", value=name)
         try:
@@ -255,17 +371,17 @@ class Arm:
         except TypeError as error:
             problem, rule = f"is {touch_links!r}", "it must be names of links"
             raise InputError("touch_links", problem, rule, "pass a list of strings", value=touch_links) from error
-        if name in names:
+        if name in self._frames:
             raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
         for each in (link, *others):
-            if each not in names:
-                rule = f"there are {', '.join(names)}"
-                raise InputError("link", f"is {each!r}", rule, "name one of these", value=each)
-        body = self.links[names.index(link)].body
-        place = np.eye(4) if pose is None else check_rigid(pose, "pose")
-        held = Solid(name, body, (share_posed_shape(solid, self.frames[link] @ place),))
-        allowed = self.allowed_collisions | {sort_pair(name, each): "held" for each in (link, *others)}
-        return replace(self, links=(*self.links, held), allowed_collisions=allowed)
+            self._check_frame(each, "link")
+        body, to_body = self._frames[link]
+        frame = Frame(body, to_body if pose is None else to_body @ check_rigid(pose, "pose"))
+        held = Solid(name, body, (share_posed_shape(solid, frame.pose),))
+        touching = {each.name for each in self.links}.intersection([link, *others])
+        allowed = self.allowed_collisions | {sort_pair(name, each): "held" for each in touching}
+        frames = self._frames | {name: frame}
+        return replace(self, links=(*self.links, held), allowed_collisions=allowed, _frames=frames)
 
     @cached_property
     def pairs(self) -> dict[Names, str]:
@@ -295,6 +411,13 @@ class Arm:
         q = np.atleast_2d(around)
         low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
         return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
+
+    def _check_frame(self, name: object, argument: str) -> str:
+        """Return the name of a frame; raise InputError if there is none of that name."""
+        if not isinstance(name, str) or name not in self._frames:
+            rule = f"there are {', '.join(self._frames)}"
+            raise InputError(argument, f"is {name!r}", rule, "name one of these", value=name)
+        return name
 
     def _check_limits(self, q: Floats, name: str) -> None:
         """Raise ConfigurationError if a joint exceeds a limit by more than :data:`LIMIT_SLACK`.
@@ -337,6 +460,52 @@ def sort_pair(one: str, other: str) -> Names:
     return (one, other) if one < other else (other, one)
 
 
+def check_joint_values(values: object, argument: str, joints: Iterable[str]) -> dict[str, float]:
+    """Return values of joints by name.
+
+    Raises InputError if they are no mapping, name another joint, or are not finite numbers.
+    """
+    if not isinstance(values, Mapping):
+        hint = f"pass e.g. {{{next(iter(joints), 'elbow')!r}: 0.0}}"
+        raise InputError(argument, f"is {values!r}", "it must map names of joints to numbers", hint, value=values)
+    checked = {}
+    for joint, value in values.items():
+        if joint not in joints:
+            rule = f"the joints are {', '.join(joints)}"
+            raise InputError(argument, f"names {joint!r}", rule, "name one of these", value=joint)
+        number = check_finite(value, f"{argument}[{joint!r}]")
+        if number.ndim:
+            rule = "a joint has one number"
+            raise InputError(f"{argument}[{joint!r}]", f"has shape {number.shape}", rule, "pass a float", value=value)
+        checked[joint] = float(number)
+    return checked
+
+
+def _choose_joints(joints: str | Iterable[str], groups: Mapping[str, Set[str]], tree: Mapping[str, Joint]) -> Set[str]:
+    """Return the joints of an SRDF group, or those named; raise InputError if one cannot move by itself."""
+    if isinstance(joints, str):
+        if joints not in groups:
+            rule = f"the groups of the SRDF are {', '.join(groups)}" if groups else "no SRDF gives groups"
+            raise InputError("joints", f"is {joints!r}", rule, "name a group, or pass a list of joints", value=joints)
+        return groups[joints]
+    try:
+        names = list(joints)
+    except TypeError as error:
+        rule = "it must be a group of the SRDF, or names of joints"
+        raise InputError("joints", f"is {joints!r}", rule, "pass a list of strings", value=joints) from error
+    for name in names:
+        if name not in tree:
+            rule = f"the URDF has {', '.join(tree)}"
+        elif tree[name].kind == FIXED:
+            rule = "it is fixed"
+        elif tree[name].leader != name:
+            rule = f"it mimics {tree[name].leader!r}"
+        else:
+            continue
+        raise InputError("joints", f"names {name!r}", rule, "name joints that move", value=name)
+    return set(names)
+
+
 def _read_joint(joint: Any, file: str) -> Joint:
     """Convert a joint of yourdfpy."""
     where = f"{file}: joint {joint.name!r}"
@@ -375,15 +544,26 @@ def _read_joint(joint: Any, file: str) -> Joint:
 class _Assembly:
     """Builder of an arm from links and joints."""
 
-    def __init__(self, file: str, urdf: Any, joints: Mapping[str, Joint], base: str, tip: str | None) -> None:
+    def __init__(
+        self,
+        file: str,
+        urdf: Any,
+        joints: Mapping[str, Joint],
+        base: str,
+        tip: str | None,
+        chosen: Set[str] | None,
+    ) -> None:
         self._file, self._urdf, self._joints, self._base = file, urdf, joints, base
+        self._held: dict[str, float] = {}
         below: dict[str, list[Joint]] = {}
-        for joint in joints.values():
+        # Depth-first order puts every body after its parent, and branches by name, as urdfdom does for MoveIt.
+        for joint in sorted(joints.values(), key=lambda joint: joint.name, reverse=True):
             below.setdefault(joint.parent, []).append(joint)
-        # Breadth-first order puts every body after its parent.
-        self._order: list[Joint] = list(below.get(base, ()))
-        for joint in self._order:
-            self._order += below.get(joint.child, ())
+        self._order: list[Joint] = []
+        pending = list(below.get(base, ()))
+        while pending:
+            self._order.append(pending.pop())
+            pending += below.get(self._order[-1].child, ())
         above = {joint.child: joint for joint in self._order}
         branch = set(above)
         if tip is not None:
@@ -398,7 +578,10 @@ class _Assembly:
         self._moving = [
             joint.name
             for joint in self._order
-            if joint.kind != FIXED and joint.leader == joint.name and joint.child in branch
+            if joint.kind != FIXED
+            and joint.leader == joint.name
+            and joint.child in branch
+            and (chosen is None or joint.name in chosen)
         ]
         for joint in self._order:
             if joint.leader not in joints:
@@ -413,9 +596,26 @@ class _Assembly:
             raise InputError(argument, problem, rule, "correct it", value=joint.leader)
         if not self._moving:
             problem, rule = "has no joint that moves there", "an arm has at least one"
-            raise InputError(file, problem, rule, "name another base or tip")
+            raise InputError(file, problem, rule, "name another base, tip or joints")
 
-    def arm(self, srdf: str | os.PathLike[str] | None, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
+    def hold(self, values: Mapping[str, float]) -> None:
+        """Hold joints that do not move at values; raise InputError if one moves, or beyond its limits."""
+        names = [
+            joint.name
+            for joint in self._order
+            if joint.kind != FIXED and joint.leader == joint.name and joint.name not in self._moving
+        ]
+        if values and not names:
+            problem, hint = f"names {', '.join(map(str, values))}", "pass joints= or tip=, which say what moves"
+            raise InputError("held_joints", problem, "no joint is held", hint, value=values)
+        self._held = check_joint_values(values, "held_joints", names)
+        for name, value in self._held.items():
+            joint = self._joints[name]
+            if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
+                rule = f"its limits are {joint.lower:.12g} and {joint.upper:.12g}"
+                raise InputError("held_joints", f"has {name} at {value:.12g}", rule, "stay within them", value=value)
+
+    def arm(self, srdf: Srdf | None, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         """Build the arm."""
         bodies = {self._base: (0, np.eye(4))}
         rows: list[tuple[int, Floats, Joint | None]] = [(0, np.eye(4), None)]
@@ -441,25 +641,19 @@ class _Assembly:
             limits[:, 1],
             links,
             {},
-            {name: pose for name, (_, pose) in bodies.items()},
             self._chain(rows),
             tuple("m" if self._joints[name].kind == PRISMATIC else "rad" for name in self._moving),
             np.array([self._max_velocity(name) for name in self._moving]),
+            {name: Frame(*frame) for name, frame in bodies.items()},
         )
         if srdf is None:
             return replace(arm, allowed_collisions=self._default_allowed(arm))
-        from cspace.files.urdf import read_srdf
-
-        read, start = read_srdf(srdf, self._urdf), arm._clamp(np.zeros(arm.dof)).tolist()
         return replace(
             arm,
-            allowed_collisions=read.allowed,
-            groups={name: tuple(joint for joint in arm.joints if joint in each) for name, each in read.groups.items()},
-            named_configurations={
-                name: frozen(np.array([state.get(*each) for each in zip(arm.joints, start, strict=True)]))
-                for name, state in read.states.items()
-            },
-            end_effectors=read.end_effectors,
+            allowed_collisions=srdf.allowed,
+            groups={name: tuple(joint for joint in arm.joints if joint in each) for name, each in srdf.groups.items()},
+            end_effectors=srdf.end_effectors,
+            _states=srdf.states,
         )
 
     def _default_allowed(self, arm: Arm) -> dict[Names, str]:
@@ -494,7 +688,8 @@ class _Assembly:
         from scipy.spatial.transform import Rotation
 
         leader = self._joints[joint.leader]
-        value = joint.factor * float(np.clip(0.0, leader.lower, leader.upper)) + joint.offset
+        position = self._held.get(leader.name, float(np.clip(0.0, leader.lower, leader.upper)))
+        value = joint.factor * position + joint.offset
         pose = np.eye(4)
         if joint.kind == REVOLUTE:
             pose[:3, :3] = Rotation.from_rotvec(value * joint.axis).as_matrix()

@@ -302,13 +302,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         out, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
-        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, as_contiguous(points[0]))
+        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
         for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             at = max(node, int(solids.roots[number]))
             names.append(owners[int(np.where(solids.part_roots <= at, solids.part_roots, -1).argmax())])
             corners, radius = node_corners(solids.hulls, at)
             pose = poses[solids.bodies[number]]
-            hulls.append(corners @ pose[:, :3].T + pose[:, 3])
+            hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append([radius])
         return Contact(names[0], names[1], float(out[0]), _nearest_points(hulls[0], hulls[1], radii))
 

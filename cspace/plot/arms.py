@@ -52,7 +52,7 @@ class ArmFigure:
         self._arm = arm = space.arm
         self.links = {}
         for link in arm.links:
-            back = np.linalg.inv(arm.frames.get(link.name, np.eye(4)))
+            back = np.linalg.inv(arm._frames[link.name].pose)
             self.links[link.name] = join_surfaces(
                 [transform_surface(part.shape.outer.surface, back @ part.pose) for part in link.parts]
             )
@@ -85,7 +85,7 @@ class ArmFigure:
 
         The result has shape (n, 3).
         """
-        return np.stack([self._arm.poses(q)[self.tip][:3] @ self._tip_center for q in points])
+        return np.asarray(self._arm.pose(points, self.tip)[..., :3, :] @ self._tip_center)
 
 
 def joint_lengths(points: Floats) -> Floats:

@@ -14,22 +14,69 @@ from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
 from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, random_arm, write_urdf
+from tests.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> None:
-    """Include all kinds of joints, and a mimic joint."""
+def test_frames_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> None:
+    """Include all kinds of joints, a mimic joint, and links without geometry."""
     path = random_arm(tmp_path, seed)
+    bare = link("tool0"), joint("mount", "l4", "tool0", at=(0.1, 0.2, 0.3), rpy=(0.4, 0.5, 0.6), kind="fixed")
+    path.write_text(path.read_text().replace("</robot>", f"{''.join(bare)}</robot>"))
     arm = Arm.from_urdf(path)
     urdf = yourdfpy.URDF.load(str(path), load_meshes=False)
     assert list(arm.joints) == urdf.actuated_joint_names
+    assert set(arm.frames) == set(urdf.link_map)
     for q in np.random.default_rng(seed).uniform(-0.4, 0.7, (5, arm.dof)):
         urdf.update_cfg(q)
         for name, pose in arm.poses(q).items():
             np.testing.assert_allclose(pose, urdf.get_transform(name), atol=1e-9)
+            np.testing.assert_array_equal(arm.pose(q, name), pose)
+
+
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning", "ignore:.*without collision geometry")
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_poses_and_joint_order_agree_with_pinocchio(data: Path, name: str) -> None:
+    pin = pytest.importorskip("pinocchio")
+    urdf = data / "arms" / name / f"{name}.urdf"
+    model = pin.buildModelFromUrdf(str(urdf), mimic=True)
+    arm, state = Arm.from_urdf(urdf), model.createData()
+    assert arm.joints == tuple(each for each in list(model.names)[1:] if each in arm.joints)
+    q = np.random.default_rng(0).uniform(*arm._ranges(), (2, 3, arm.dof))
+    poses = {frame: arm.pose(q, frame) for frame in arm.frames}
+    indices = [model.joints[model.getJointId(each)].idx_q for each in arm.joints]
+    for row in np.ndindex(2, 3):
+        theirs = pin.neutral(model)
+        theirs[indices] = q[row]
+        pin.framesForwardKinematics(model, state, theirs)
+        for frame, pose in poses.items():
+            np.testing.assert_allclose(pose[row], state.oMf[model.getFrameId(frame)].homogeneous, atol=1e-9)
+
+
+def test_joints_are_ordered_depth_first_and_branches_by_name(tmp_path: Path) -> None:
+    path = write_urdf(
+        tmp_path,
+        *(link(name, BAR) for name in "abcdef"),
+        joint("right_1", "a", "b"),
+        joint("left_1", "a", "c"),
+        joint("right_2", "b", "d"),
+        joint("left_3", "c", "f"),
+        joint("left_2", "c", "e"),
+    )
+    assert Arm.from_urdf(path).joints == ("left_1", "left_2", "left_3", "right_1", "right_2")
+
+
+def test_poses_of_a_batch_are_those_of_its_rows(tmp_path: Path) -> None:
+    """Use enough configurations for several threads."""
+    arm = Arm.from_urdf(random_arm(tmp_path, 5))
+    q = np.random.default_rng(5).uniform(-0.4, 0.7, (3, 2000, arm.dof))
+    poses = arm.pose(q, "l4")
+    assert poses.shape == (3, 2000, 4, 4)
+    for row in np.ndindex(3, 20):
+        np.testing.assert_array_equal(poses[row], arm.pose(q[row], "l4"))
+    assert arm.pose(q[:0], "l4").shape == (0, 2000, 4, 4)
 
 
 def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
@@ -41,14 +88,14 @@ def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
         joint("two", "b", "c", at=(1, 0, 0), limits=(0.5, 1.0)),
         joint("three", "b", "d", at=(1, 0, 0), kind="prismatic", axis=(0, 0, 2)),
     )
-    assert Arm.from_urdf(path).joints == ("one", "two", "three")
+    assert Arm.from_urdf(path).joints == ("one", "three", "two")
     arm = Arm.from_urdf(path, tip="d")
     assert arm.joints == ("one", "three")
     np.testing.assert_allclose(arm.poses((0.0, 0.2))["d"][:3, 3], (2, 0, 0.2))
     # A link on a held joint belongs to the body of its parent.
     assert {each.name: each.body for each in arm.links} == {"a": 0, "b": 1, "c": 1, "d": 2}
     only = Arm.from_urdf(path, base="b", tip="c")
-    assert [each.name for each in only.links] == ["b", "c", "d"]
+    assert [each.name for each in only.links] == ["b", "d", "c"]
     assert only.lower.tolist() == [0.5]
 
 
@@ -390,6 +437,147 @@ def test_attach_refuses_invalid_arguments(tmp_path: Path, arguments: tuple[Any, 
     *given, touch = (*arguments, ()) if len(arguments) < 5 else arguments
     with pytest.raises(InputError, match=message):
         Arm.from_urdf(planar(tmp_path)).attach(*given, touch_links=touch)
+
+
+def test_attach_takes_frames_without_geometry_and_adds_a_frame(tmp_path: Path) -> None:
+    path = planar(tmp_path)
+    bare = link("tool0"), joint("mount", "fore", "tool0", at=(1, 0, 0), rpy=(0, 0, 0.5), kind="fixed")
+    path.write_text(path.read_text().replace("</robot>", f"{''.join(bare)}</robot>"))
+    arm = Arm.from_urdf(path)
+    held = arm.attach("ball", BALL, "tool0", pose_at(0.2, 0.0), touch_links="upper")
+    q = np.array((0.3, -0.7))
+    np.testing.assert_allclose(held.pose(q, "ball"), arm.pose(q, "tool0") @ pose_at(0.2, 0.0), atol=1e-12)
+    assert held.allowed_collisions == arm.allowed_collisions | {("ball", "upper"): "held"}
+    assert (held.frames, "ball" in arm.frames) == ((*arm.frames, "ball"), False)
+    # The ball is where its frame is: it touches a post there, and no other.
+    center = held.pose(q, "ball")[:3, 3]
+    for offset, free in ((0.0, False), (0.3, True)):
+        space = build_arm_space({"post": posed_box((0.1, 0.1, 0.1), *center + offset)}, held)
+        assert bool(space.is_free(q)) is free
+    stacked = held.attach("lid", BALL, "ball", pose_at(0.0, 0.1))
+    np.testing.assert_allclose(stacked.pose(q, "lid"), held.pose(q, "ball") @ pose_at(0.0, 0.1), atol=1e-12)
+
+
+@refusals(
+    "q, frame, message",
+    ((0.0, 0.0), "wing", "frame is 'wing'; there are foot, upper, fore"),
+    ((0.0, 0.0), 3, "frame is 3; there are"),
+    ((0.0,), "fore", r"q has shape \(1,\); the last axis must hold one number for each of shoulder, elbow"),
+    ((0.0, np.nan), "fore", r"q\[1\] is nan; it must be finite"),
+)
+def test_pose_refuses_invalid_arguments(tmp_path: Path, q: Any, frame: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Arm.from_urdf(planar(tmp_path)).pose(q, frame)
+
+
+def write_arm_with_states(folder: Path) -> tuple[Path, Path]:
+    """Write an arm with a hand; both have a state "home"."""
+    path = write_urdf(
+        folder,
+        *(link(name, BAR) for name in "abcde"),
+        joint("one", "a", "b"),
+        joint("two", "b", "c", limits=(0.5, 1.0)),
+        joint("three", "c", "d", kind="prismatic", limits=(0.0, 0.04)),
+        joint("four", "c", "e", kind="prismatic", extra='<mimic joint="three"/>'),
+    )
+    srdf = folder / "arm.srdf"
+    srdf.write_text(
+        """<robot name="small"><group name="arm"><chain base_link="a" tip_link="c"/></group>
+        <group name="hand"><joint name="three"/><joint name="four"/></group>
+        <group_state name="home" group="arm"><joint name="one" value="0.2"/><joint name="two" value="0.7"/>
+        </group_state><group_state name="home" group="hand"><joint name="three" value="0.01"/></group_state>
+        <group_state name="open" group="hand"><joint name="three" value="0.04"/></group_state></robot>"""
+    )
+    return path, srdf
+
+
+@pytest.mark.parametrize(
+    "values, base, expected",
+    [
+        (None, None, (0.0, 0.5, 0.0)),
+        ({"three": 0.02}, None, (0.0, 0.5, 0.02)),
+        ({"two": 0.6, "one": -1}, (0.1, 0.9, 0.03), (-1.0, 0.6, 0.03)),
+        ("arm/home", None, (0.2, 0.7, 0.0)),
+        ("open", None, (0.0, 0.5, 0.04)),
+        ("open", "arm/home", (0.2, 0.7, 0.04)),
+        ({"one": 1.0}, "arm/home", (1.0, 0.7, 0.0)),
+        ("open", (1.0, 0.9, 0.0), (1.0, 0.9, 0.04)),
+    ],
+)
+def test_configurations_have_named_joints_at_their_values(
+    tmp_path: Path, values: Any, base: Any, expected: tuple[float, ...]
+) -> None:
+    arm = Arm.from_urdf(*write_arm_with_states(tmp_path))
+    assert arm.joints == ("one", "two", "three")
+    assert arm.configuration(values, base).tolist() == list(expected)
+
+
+@refusals(
+    "values, base, error, message",
+    ({"five": 1.0}, None, InputError, "values names 'five'; the joints are one, two, three"),
+    ({"four": 0.0}, None, InputError, "values names 'four'; the joints are one, two, three"),
+    ({"one": "up"}, None, InputError, r"values\['one'\] is 'up'; it must be numeric"),
+    ({"one": (1.0, 2.0)}, None, InputError, r"values\['one'\] has shape \(2,\); a joint has one number"),
+    ({"one": np.inf}, None, InputError, r"values\['one'\] is inf; it must be finite"),
+    ({"two": 1.5}, None, ConfigurationError, "values has two at 1.5; its limits are 0.5 and 1"),
+    (None, (0.0, 0.0, 0.0), ConfigurationError, "base has two at 0; its limits are 0.5 and 1"),
+    (None, (0.0, 0.0), InputError, r"base has shape \(2,\); the last axis must hold one number"),
+    (None, np.zeros((1, 3)), InputError, r"base has shape \(1, 3\); it must be one configuration"),
+    ((0.0, 0.5, 0.0), None, InputError, "it must map names of joints to numbers; pass e.g. {'one': 0.0}"),
+    ("home", None, InputError, "values is 'home'; the group states are arm/home, hand/home; name one of these"),
+    ("closed", None, InputError, "values is 'closed'; the group states are arm/home, hand/home, hand/open"),
+    (None, "closed", InputError, "base is 'closed'; the group states are"),
+)
+def test_configuration_refuses_unknown_names_and_values_beyond_limits(
+    tmp_path: Path, values: Any, base: Any, error: Any, message: str
+) -> None:
+    arm = Arm.from_urdf(*write_arm_with_states(tmp_path))
+    with pytest.raises(error, match=message):
+        arm.configuration(values, base)
+
+
+def test_configuration_without_srdf_says_that_there_are_no_states(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"values is 'home'; the arm has none; pass srdf= to Arm.from_urdf"):
+        Arm.from_urdf(planar(tmp_path)).configuration("home")
+
+
+def test_joints_of_a_group_move_and_others_are_held_at_their_values(tmp_path: Path) -> None:
+    path, srdf = write_arm_with_states(tmp_path)
+    whole = Arm.from_urdf(path, srdf)
+    arm = Arm.from_urdf(path, srdf, joints="arm", held_joints={"three": 0.03})
+    assert arm.joints == ("one", "two")
+    # Joint four mimics the held joint three.
+    for frame, pose in arm.poses((0.4, 0.6)).items():
+        np.testing.assert_allclose(pose, whole.pose((0.4, 0.6, 0.03), frame), atol=1e-12)
+    assert arm.configuration("home").tolist() == [0.2, 0.7]
+    hand = Arm.from_urdf(path, srdf, joints="hand")
+    assert hand.joints == ("three",)
+    np.testing.assert_allclose(hand.pose((0.02,), "e"), whole.pose((0.0, 0.5, 0.02), "e"), atol=1e-12)
+    chosen = Arm.from_urdf(path, joints=["three", "one"], held_joints={"two": 0.9})
+    assert chosen.joints == ("one", "three")
+    np.testing.assert_allclose(chosen.pose((0.1, 0.02), "d"), whole.pose((0.1, 0.9, 0.02), "d"), atol=1e-12)
+
+
+@refusals(
+    "options, message",
+    ({"joints": "leg"}, "joints is 'leg'; the groups of the SRDF are arm, hand"),
+    ({"joints": "arm", "srdf": None}, "joints is 'arm'; no SRDF gives groups; name a group, or pass a list of joints"),
+    ({"joints": ["leg"]}, "joints names 'leg'; the URDF has one, two, three, four"),
+    ({"joints": ["four"]}, "joints names 'four'; it mimics 'three'"),
+    ({"joints": 5}, "joints is 5; it must be a group of the SRDF, or names of joints"),
+    ({"joints": []}, "has no joint that moves there"),
+    ({"joints": "arm", "tip": "b"}, "joints is given with tip; both say which joints move"),
+    ({"joints": "arm", "held_joints": {"one": 0.0}}, "held_joints names 'one'; the joints are three; name one"),
+    ({"joints": "arm", "held_joints": {"three": 0.05}}, "has three at 0.05; its limits are 0 and 0.04"),
+    ({"joints": "arm", "held_joints": [0.0]}, r"held_joints is \[0.0\]; it must map names of joints to numbers"),
+    ({"held_joints": {"one": 0.0}}, "held_joints names one; no joint is held"),
+)
+def test_from_urdf_refuses_joints_that_cannot_move_or_be_held(
+    tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
+    path, srdf = write_arm_with_states(tmp_path)
+    with pytest.raises(InputError, match=message):
+        Arm.from_urdf(path, **{"srdf": srdf, **options})
 
 
 def test_attach_takes_one_name_of_a_link(tmp_path: Path) -> None:

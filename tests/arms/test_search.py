@@ -78,7 +78,7 @@ class CountingGenerator(np.random.Generator):
         return super().uniform(*args, **options)
 
 
-@pytest.mark.parametrize("seed", [6, 12])
+@pytest.mark.parametrize("seed", [4, 13])
 def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, seed: int) -> None:
     rng = np.random.default_rng(seed)
     sizes, positions = rng.uniform(0.03, 0.1, (150, 3)), rng.uniform((0.35, -1.0, -0.9), (1.2, 1.0, 0.9), (150, 3))
