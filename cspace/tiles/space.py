@@ -44,7 +44,7 @@ ONLY_IN_MEMORY: Final = {
     "workspace precision overlap_counts cell_states states_at": WINDOW_HINT,
     "overlap_count contains_robot obstacle_distance overlap_field with_overlap_field": WINDOW_HINT,
     "point_checker edge_checker clearance_checker": WINDOW_HINT,
-    "reachable_bounds find_path find_widest_path sample_free": WINDOW_HINT,
+    "reachable_bounds find_path find_widest_path min_path_length sample_free": WINDOW_HINT,
     "save export to_xarray to_occupancy_grid to_costmap": WINDOW_HINT,
     "add_obstacle obstacles remove_obstacle": UPDATE_HINT,
 }

@@ -266,6 +266,9 @@ def test_paths_found_by_the_map_are_certified(any_map: AnyMap) -> None:
                 found += 1
                 assert space.certify_path(path).all()
                 np.testing.assert_allclose(path[0], start, atol=1e-9)
+                if not any(space.periodic_axes):
+                    metres = np.linalg.norm(np.diff(path[:, : space.grid.dim], axis=0), axis=1).sum()
+                    assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
         lower, upper = space.reachable_bounds(start)
         dim = space.grid.dim
         assert (lower <= start[:dim] + 1e-9).all() and (start[:dim] <= upper + 1e-9).all()
