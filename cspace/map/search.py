@@ -136,11 +136,9 @@ class Graph(NamedTuple):
         if start_index == goal_index:
             return start[None]
         heuristic = self._heuristic(start, goal, guides, until, min(greed, GUIDE_WEIGHT))
-        trace, indices = (
-            self._search(Task(start_index, goal_index, greed, 0.0, heuristic), until),
-            np.empty(0, np.int64),
-        )
-        indices = np.empty(trace_back(self, trace.reached_by, start_index, goal_index, indices), dtype=np.int64)
+        trace = self._search(Task(start_index, goal_index, greed, 0.0, heuristic), until)
+        length = trace_back(self, trace.reached_by, start_index, goal_index, np.empty(0, dtype=np.int64))
+        indices = np.empty(length, dtype=np.int64)
         trace_back(self, trace.reached_by, start_index, goal_index, indices)
         return np.stack(np.unravel_index(indices, shape), axis=-1)
 
