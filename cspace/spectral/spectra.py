@@ -84,6 +84,9 @@ BYTES_PER_FREQUENCY: Final = {
 }
 """Upper bound of the memory per value of a spectrum, bytes, by dimension."""
 
+MIN_SUM_COST: Final = 0.5
+"""Smallest cost of a radius with few balls, relative to a transform."""
+
 MIN_BASIS_TRANSFORMS: Final = 8.0
 """Number of transforms above which a basis of radii is tried."""
 
@@ -149,8 +152,9 @@ def ball_spectrum(
     reach = sizes[:, None]
     _check_fits((points + reach).max(axis=0) - (points - reach).min(axis=0), periods)
     lattice = _LatticeSum(points / periods, numbers, periods, 0.5 * within)
-    # The number of transforms without a basis; sums over few balls count as fractions.
-    alone = float(np.minimum(1.0, np.unique(sizes, return_counts=True)[1] / MAX_SUMMED_BALLS[dim]).sum())
+    # The cost without a basis, in transforms: even a sum over one ball evaluates its table at each frequency.
+    shares = np.unique(sizes, return_counts=True)[1] / MAX_SUMMED_BALLS[dim]
+    alone = float(np.clip(shares, MIN_SUM_COST, 1.0).sum())
     terms = radius_basis(kind, sizes, lattice.moduli, dim, within, alone) if alone > MIN_BASIS_TRANSFORMS else None
     if terms is None:
         terms = _terms_by_radius(kind, sizes, lattice.moduli, dim, within)
