@@ -286,6 +286,7 @@ class _LatticeSum:
         ]
         self._half = np.zeros(shape, dtype=np.complex128)
         self._current_points: NDArray[np.intp] | None = None
+        self._summed_points: NDArray[np.intp] | None = None
 
     def spectrum(self, terms: Iterable[Term]) -> Complexes:
         """Return ``X(w) + conj(X(-w))``.
@@ -334,13 +335,15 @@ class _LatticeSum:
 
         The sums are products of one factor per axis.
         """
-        first, *rest = (
-            np.exp(-2j * math.pi * _frequency_indices(m)[:, None] * column)
-            for m, column in zip(self._half.shape, self._shares[term.members].T, strict=True)
-        )
-        others = rest[0]
-        if len(rest) == 2:
-            others = (rest[0][:, None] * rest[1][None]).reshape(-1, len(term.members))
+        if term.members is not self._summed_points:  # terms of a basis share their points
+            self._summed_points = term.members
+            first, *rest = (
+                np.exp(-2j * math.pi * _frequency_indices(m)[:, None] * column)
+                for m, column in zip(self._half.shape, self._shares[term.members].T, strict=True)
+            )
+            others = rest[0] if len(rest) == 1 else (rest[0][:, None] * rest[1]).reshape(-1, len(term.members))
+            self._factors = first, others
+        first, others = self._factors
         return np.asarray(((first * term.strengths) @ others.T).reshape(self._half.shape))
 
     def _add(self, waves: Complexes, factor: Floats | Complexes) -> None:
