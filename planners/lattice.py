@@ -1,9 +1,10 @@
 """Search on a lattice of headings, for robots that turn on the spot and for cars.
 
-Two searches follow each other. The first goes by FREE cells alone, from the goal: a robot drives from cell to cell
-along one of its headings, and turns on the spot from one heading to the next. It gives the cost to the goal from every
-cell and heading. The second starts at the start and follows these costs. It keeps one configuration for each cell and
-heading (hybrid A*), so positions are not rounded, and the map proves each motion. At last the path is shortened.
+Two searches run, one after the other. The first runs on the grid, from the goal, through FREE cells alone: a robot
+drives from cell to cell along one of its headings, and turns on the spot from one heading to the next. It gives the
+cost to the goal from every cell and heading. The second runs from the start and is guided by these costs. It keeps one
+configuration for each cell and heading (hybrid A*), so positions are not rounded, and the map proves each motion. Then
+:func:`shorten_path` shortens the path.
 
 References
 ----------
@@ -31,95 +32,108 @@ from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, prove_length, shorte
 from planners.local_planner import CURVES, EdgesOnMap, Endpoints
 
 MAX_STEP_CELLS: Final = 2
-"""Largest number of cells along x and y of a drive straight on, which gives 16 headings."""
+"""Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
 
 MAX_OWN_STEP_CELLS: Final = 4
-"""The same for drives at about the yaw of start or goal."""
+"""Largest number of cells along x and y of one straight drive at about the yaw of start or goal."""
 
 CAR_HEADINGS: Final = (24, 48, 96)
-"""Headings of the lattices of a car; an arc leads from one to the next."""
+"""Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to the next."""
 
 MAX_NODES: Final = (100_000, 200_000, 800_000)
-"""Nodes after which the search gives up, or goes on with the next finer lattice of a car."""
+"""Number of nodes after which the search on each lattice ends; a car then tries the next finer lattice."""
 
 CAR_GREED: Final = 1.5
 """Weight of the remaining cost for cars; above 1, paths are found sooner but may be longer."""
 
 REVERSE_WEIGHT: Final = 1.5
-"""Metres that a car's metre in reverse counts as."""
+"""Cost of a metre that a car drives in reverse, in metres driven ahead."""
 
 SWITCH_RADII: Final = 0.5
-"""Turning radii that a car's change of direction counts as."""
+"""Cost of a car's change between driving ahead and in reverse, in turning radii."""
 
 UNREACHED_CELLS: Final = 400.0
-"""Cells added to the cost of the start, for places that the first search did not reach."""
+"""Cells added to the cost of the start, as the estimated cost of states that the first search did not reach."""
 
 MARGIN_CELLS: Final = (4.0, 60.0)
-"""Cells of cost by which the first search goes on past the start: on the spot, and for cars."""
+"""Cells of cost by which the first search goes on past the start: for robots that turn on the spot, and for cars."""
 
 CURVE_RADII: Final = 6.0
-"""Turning radii from the goal within which the length of curves without obstacles is computed."""
+"""Distance from the goal, in turning radii, within which estimates include the length of the curve to the goal."""
 
 QUEUE_BUCKETS: Final = 2**16
 """Buckets of each queue (see :mod:`cspace.map.search`); costs beyond them share the last one."""
 
 NODES_PER_CLOCK_CHECK: Final = 2**12
-"""Nodes expanded between two looks at the clock."""
+"""Nodes expanded between two checks of the time limit."""
 
 NODES_PER_GOAL_EDGE: Final = 16
-"""Nodes far from the goal, of which one is joined to it by an edge, if that is free."""
+"""Far from the goal, the search tests an edge to the goal from every 16th node only."""
 
 INITIAL_LATTICE_NODES: Final = 2**15
-"""Nodes for which there is memory at first; it doubles as needed."""
+"""Initial capacity of the node arrays; it doubles as needed."""
 
 PAD: Final = 4
-"""Cells around the map, not FREE, that keep motions in the arrays of the first search."""
+"""Cells around the map that are not FREE; they keep each motion inside the arrays of the first search."""
 
 COST_TOLERANCE: Final = 0.01
-"""Share of a cell's side by which a path into a cell must be cheaper to replace the one known."""
+"""Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path."""
 
 KNOWN_TOLERANCE: Final = 1e-3
-"""Cells by which the cost of a state must be lower to replace the one known."""
+"""Cells by which the cost of a state must be lower to replace the known cost."""
 
 KEY_BITS: Final = 24
-"""Bits of the number of a cell along y."""
+"""Bits of a hash key that hold the index of a cell along y."""
 
 HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 """Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
 
 TIE_RADIANS: Final = 1e-9
-"""Difference of rotations below which driving ahead and back count as equal."""
+"""Difference of rotations, radians, below which driving ahead and in reverse count as equally good."""
 
 COST_PER_EDGE: Final = 1e-6
-"""Metres that an edge counts as when a path is shortened, so that straight drives become one."""
+"""Cost of an edge when a path is shortened, metres; it makes collinear drives one edge."""
 
 SHORTENING_ROUNDS: Final = 2
-"""Rounds in which a path is shortened."""
+"""Number of rounds in which a path is shortened."""
 
 MAX_SHORTCUTS: Final = 60
-"""Largest number of earlier waypoints from which an edge to a waypoint is sought."""
+"""Largest number of earlier waypoints tested for an edge to a waypoint."""
 
 POINTS_PER_PATH: Final = 100
-"""Points added along the straight drives of a path to shorten it."""
+"""Number of points added along the straight drives of a path before it is shortened."""
+
+
+ENTRIES_USED, ENTRIES_WAITING, UNUSED_ENTRY, LOWEST_ENTRY_BUCKET = range(4)
+"""Indices into ``counts`` of :func:`spread_costs`."""
+
+TURN_LEFT, TURN_RIGHT, DRIVE_AHEAD, DRIVE_BACK = range(4)
+"""Motions of a robot that turns on the spot. A robot that does not reverse has the first three."""
+
+NODE_COUNT, NODES_WAITING, NODES_EXPANDED, LOWEST_BUCKET, LAST_NODE = range(5)
+"""Indices into :attr:`Nodes.counts`."""
 
 
 class Cells(NamedTuple):
-    """Lattice of cells and h headings. States are numbered ``place * h + heading``, places row by row with a margin.
+    """Lattice of grid cells and h headings.
+
+    States are numbered ``place * h + heading``. Places are the grid cells, row by row, with :data:`PAD` cells around
+    them.
 
     Attributes
     ----------
     free, turns : ndarray of uint64, shape (places,)
-        Bit k is set if the place is FREE at heading k, and if the robot may turn from heading k to the next.
+        Bit k is set if the place is FREE at heading k, and if the robot may turn from heading k to k + 1.
     width : int
         Places in a row.
     steps : ndarray of int64, shape (h,)
-        Change of place by a drive.
+        Change of place by a drive along each heading.
     touched : ndarray of int64, shape (h, n)
         Places between the ends of a drive that it touches, relative to its start.
     lengths, angles : ndarray of float64, shape (h,)
         Cost of a drive, and of the turn to the next heading, in cells.
     reverses : bool
-        Whether the robot also drives backwards.
+        Whether the robot also drives in reverse.
     start : int
         State at which the search ends.
     angles_to_start : ndarray of float64, shape (h,)
@@ -142,16 +156,16 @@ class Cells(NamedTuple):
 
 
 class Lattice(NamedTuple):
-    """Motions of a drive, m from each of h headings, and the costs to its goal.
+    """Lattice motions of a robot, m from each of h headings, and the costs to its goal.
 
     Attributes
     ----------
     kind : int
         Kind of the curves of a car, see :mod:`planners.car_curves`; -1 for robots that turn on the spot.
     reverses : bool
-        Whether the robot also drives backwards.
+        Whether the robot also drives in reverse.
     headings : ndarray of float64, shape (h,)
-        Yaws.
+        Yaws, radians.
     radius : float
         Turning radius, metres.
     side : float
@@ -163,17 +177,17 @@ class Lattice(NamedTuple):
     costs : ndarray of float64, shape (h, m)
         Cost of each motion, metres.
     steering, lengths : ndarray, shape (m, 5)
-        Words of one segment, the motions of a car.
+        Motions of a car, as words of one segment.
     goal : tuple of float
         Configuration.
     nearest : ndarray of int64, shape (h,)
-        Nearest heading of the table.
+        For each heading, the index of the nearest heading of ``table``.
     columns : int
-        Number of headings of the table.
+        Number of headings of ``table``.
     unreached : float
         Metres added to the straight distance to the goal where the table is 0.
     table : ndarray of float32, shape (places * columns,)
-        Cost from each state of :class:`Cells` to the goal, plus 1, in cells, of either sign; 0 where not reached.
+        Cost from each state of :class:`Cells` to the goal, plus 1, in cells, of either sign; 0 if not reached.
     """
 
     kind: int
@@ -194,24 +208,24 @@ class Lattice(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Configurations reached, and the queue of those to expand.
+    """Configurations reached by the second search, and the queue of nodes to expand.
 
     Attributes
     ----------
     poses : ndarray of float64, shape (n, 3)
         Configurations.
     keys : ndarray of int64, shape (n, 2)
-        Number of the cell and heading, and heading.
+        Hash key of the cell and heading, and heading.
     costs : ndarray of float64, shape (n,)
-        Cost of the path; infinite if a cheaper one into the same cell was found since.
+        Cost of the path; infinite once a cheaper path into the same cell replaced it.
     links : ndarray of int64, shape (n, 3)
-        Node before, motion that led here, and next node in the same bucket; -1 if there is none.
+        Previous node, motion that led here, and next node in the same bucket; -1 for none.
     table : ndarray of int64, shape (2 ** k,)
-        Hash table of nodes by cell and heading; -1 where empty.
+        Hash table of nodes by cell and heading; -1 if empty.
     buckets : ndarray of int64, shape (QUEUE_BUCKETS,)
         First node of each bucket of the queue; -1 if empty.
     counts : ndarray of int64, shape (5,)
-        Numbers of nodes, of waiting and of expanded ones, lowest bucket, and the node before the goal, or -1.
+        Numbers of nodes, of waiting and of expanded nodes, lowest bucket, and the last node before the goal, or -1.
     best : ndarray of float64, shape (1,)
         Cost of the path to the goal.
     """
@@ -229,24 +243,32 @@ class Nodes(NamedTuple):
 def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Floats, str]:
     """Find a path of a drive's edges on a map in memory.
 
-    Returns the path, shape (n, 3), and a note on lattices that have no path. The path has length 0 if none is found,
-    or the clock passes ``until``.
+    ``until`` is in seconds of :data:`cspace.compiling.clock`.
+
+    Returns
+    -------
+    path : ndarray of float64, shape (n, 3)
+        Configurations (x, y, yaw); n is 0 if no path is found in time.
+    note : str
+        Names a lattice that has no path; otherwise empty.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     path, note, is_car = np.empty((0, 3)), "", edges.turning_radius is not None
-    yaws, cells, is_own = _list_headings(endpoints)
+    yaws, steps, is_endpoint_yaw = _list_headings(endpoints)
     try:
-        table, found = _spread_costs(edges, endpoints, yaws, cells, until)
+        table, found = _spread_costs(edges, endpoints, yaws, steps, until)
         # On the spot, the table reaches all states that may lie on the path; cars may pass between them.
         unreached = math.inf if found > 0.0 and not is_car else (found + UNREACHED_CELLS) * edges.space.grid.spacing
         note = "" if found > 0.0 or is_car else f"the lattice of {len(yaws)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
-            motions = _car_motions(edges, start, level) if is_car else _spot_motions(edges, yaws, cells, is_own)
+            motions = (
+                _car_motions(edges, start, level) if is_car else _spot_motions(edges, yaws, steps, is_endpoint_yaw)
+            )
             nearest = np.abs(wrapped(yaws - motions[0][:, None])).argmin(axis=1)
             kind = CURVES.index(edges.drive) if is_car else -1
             lattice = Lattice(kind, _reverses(edges), *motions, goal, nearest, len(yaws), unreached, table)
             nodes = _search(edges, lattice, start, MAX_NODES[level], until)
-            if nodes.counts[4] >= 0:
+            if nodes.counts[LAST_NODE] >= 0:
                 traced = _trace(lattice, nodes)
                 return (traced, "") if edges.are_free(traced) else (path, note)
     except TimeoutError:
@@ -255,59 +277,63 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> 
 
 
 def _list_headings(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
-    """Return ascending yaws, the cells of a drive along each, and which of them are only those of start and goal."""
-    cells = _list_steps(MAX_STEP_CELLS)
-    yaws, own = _yaws(cells), np.unique([q[2] for q in endpoints])
-    own = own[np.abs(wrapped(yaws - own[:, None])).min(axis=1) > 1e-9]
-    close = _list_steps(MAX_OWN_STEP_CELLS)
-    cells = np.concatenate([cells, close[np.abs(wrapped(_yaws(close) - own[:, None])).argmin(axis=1)]])
-    yaws = np.concatenate([yaws, own])
+    """List the headings of a lattice, including those of start and goal.
+
+    Returns
+    -------
+    yaws : ndarray of float64, shape (h,)
+        Ascending, radians.
+    steps : ndarray of int64, shape (h, 2)
+        Cells along x and y of a drive along each heading. At the yaw of start or goal it is only near that yaw.
+    is_endpoint_yaw : ndarray of bool, shape (h,)
+        True for yaws that only start or goal have.
+    """
+    steps = _list_steps(MAX_STEP_CELLS)
+    yaws, extra_yaws = _yaws(steps), np.unique([q[2] for q in endpoints])
+    extra_yaws = extra_yaws[np.abs(wrapped(yaws - extra_yaws[:, None])).min(axis=1) > 1e-9]
+    finer = _list_steps(MAX_OWN_STEP_CELLS)
+    steps = np.concatenate([steps, finer[np.abs(wrapped(_yaws(finer) - extra_yaws[:, None])).argmin(axis=1)]])
+    yaws = np.concatenate([yaws, extra_yaws])
     order = np.argsort(yaws)
-    return yaws[order], cells[order], order >= len(yaws) - len(own)
+    return yaws[order], steps[order], order >= len(yaws) - len(extra_yaws)
 
 
-def _list_steps(most: int) -> Ints:
-    """Return the steps of up to some cells along x and y, one for each direction, shape (n, 2)."""
-    steps = itertools.product(range(-most, most + 1), repeat=2)
+def _list_steps(max_cells: int) -> Ints:
+    """List one drive for each direction of the lattice.
+
+    Returns shape (n, 2): coprime numbers of cells along x and y, each at most `max_cells` in size.
+    """
+    steps = itertools.product(range(-max_cells, max_cells + 1), repeat=2)
     return np.array([step for step in steps if math.gcd(*step) == 1])
 
 
 def _yaws(steps: Ints) -> Floats:
-    """Return the yaws of drives, shape (n,)."""
+    """Return the yaws of drives by cells (x, y), shape (n, 2), in radians, shape (n,)."""
     return wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
 
 
 def _spread_costs(
     edges: EdgesOnMap, endpoints: Endpoints, yaws: Floats, steps: Ints, until: float
 ) -> tuple[Costs, float]:
-    """Return the table of :class:`Lattice`, and its entry of the start.
+    """Compute the cost to the goal from each cell and heading.
 
-    Cars may turn at cells that are FREE at both headings, because they turn as they drive.
+    ``yaws`` has shape (h,), ``steps`` shape (h, 2); see :func:`_list_headings`. Returns the table of :class:`Lattice`,
+    and the table's entry of the start, 0 if the goal cannot be reached. Raises TimeoutError after ``until``.
     """
-    space, grid, count, is_car = edges.space, edges.space.grid, len(yaws), edges.turning_radius is not None
-    rows, width = (n + 2 * PAD for n in grid.shape)
-    free, turns, strides = *np.zeros((2, rows, width), dtype=np.uint64), np.array([width, 1])
-    rotations, n = space.rotations.cell_of(yaws), len(space.rotations)
-    for k in range(count):
-        check_deadline(until)
-        first, last = int(rotations[k]), int(rotations[(k + 1) % count])
-        between = [last] if is_car else [(first + i) % n for i in range(1, (last - first) % n + 1)]
-        worst = space.states_at(space.rotations.centers[first])
-        for bits, others in ((free, []), (turns, between)):
-            for cell in others:
-                worst = np.maximum(worst, space.states_at(space.rotations.centers[cell]))
-            bits[PAD:-PAD, PAD:-PAD] |= (worst == FREE).astype(np.uint64) << np.uint64(k)
+    grid, strides = edges.space.grid, np.array([edges.space.grid.shape[1] + 2 * PAD, 1])
+    free, turns = _mark_free_places(edges, yaws, until)
     weight = (edges.turning_radius or METRES_PER_RADIAN) / grid.spacing
+    # Lists of touched cells differ in length; a drive's own start fills the shorter ones.
     lists = [_touched_cells(*step) for step in steps.tolist()]
     touched = np.array([[*cells, *[(0, 0)] * (max(map(len, lists)) - len(cells))] for cells in lists])
     start, goal = (
-        int((grid.cell_of(q[:2]) + PAD) @ strides) * count + int(np.abs(wrapped(yaws - q[2])).argmin())
+        int((grid.cell_of(q[:2]) + PAD) @ strides) * len(yaws) + int(np.abs(wrapped(yaws - q[2])).argmin())
         for q in endpoints
     )
     lattice = Cells(
         free.reshape(-1),
         turns.reshape(-1),
-        width,
+        free.shape[1],
         steps @ strides,
         touched @ strides,
         np.hypot(*steps.T),
@@ -315,26 +341,54 @@ def _spread_costs(
         _reverses(edges),
         start,
         weight * np.abs(wrapped(yaws - endpoints[0][2])),
-        MARGIN_CELLS[is_car],
+        MARGIN_CELLS[edges.turning_radius is not None],
     )
-    table, entries = np.zeros(free.size * count, np.float32), np.empty((INITIAL_LATTICE_NODES, 2), np.int64)
+    # The search begins with one entry: the goal, in the first bucket.
+    table, entries = np.zeros(free.size * len(yaws), np.float32), np.empty((INITIAL_LATTICE_NODES, 2), np.int64)
     buckets, counts = np.full(QUEUE_BUCKETS, -1), np.array([1, 1, -1, 0])
     table[goal], entries[0], buckets[0] = 1.0, (goal, -1), 0
     while not spread_costs(lattice, table, entries, buckets, counts):
         check_deadline(until)
-        if counts[0] + 4 * NODES_PER_CLOCK_CHECK > len(entries):
+        if counts[ENTRIES_USED] + 4 * NODES_PER_CLOCK_CHECK > len(entries):
             entries = np.concatenate([entries, np.empty_like(entries)])
     return table, float(abs(table[start]))
 
 
+def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Words, Words]:
+    """Pack FREE cells, and cells at which the robot may turn, a bit for each of at most 64 headings.
+
+    Cars may turn at cells that are FREE at both headings, because they turn as they drive. Other robots turn on the
+    spot, so all rotation cells between the headings must be FREE. Returns two arrays of uint64, shape (nx + 2 PAD,
+    ny + 2 PAD).
+    """
+    space, is_car = edges.space, edges.turning_radius is not None
+    free, turns = np.zeros((2, *(n + 2 * PAD for n in space.grid.shape)), dtype=np.uint64)
+    rotation_cells, cell_count = space.rotations.cell_of(yaws), len(space.rotations)
+    for k in range(len(yaws)):
+        check_deadline(until)
+        first, last = int(rotation_cells[k]), int(rotation_cells[(k + 1) % len(yaws)])
+        passed = [last] if is_car else [(first + i) % cell_count for i in range(1, (last - first) % cell_count + 1)]
+        worst = space.states_at(space.rotations.centers[first])
+        for bits, others in ((free, []), (turns, passed)):
+            for cell in others:
+                worst = np.maximum(worst, space.states_at(space.rotations.centers[cell]))
+            bits[PAD:-PAD, PAD:-PAD] |= (worst == FREE).astype(np.uint64) << np.uint64(k)
+    return free, turns
+
+
 def _touched_cells(dx: int, dy: int) -> list[tuple[int, int]]:
-    """List the closed cells, other than its ends, that a segment between the centers of two cells touches."""
+    """List the cells that a segment between two cell centers touches, except its ends.
+
+    The segment leads from cell (0, 0) to cell (dx, dy). Cells are closed: a segment through a corner touches all four
+    cells.
+    """
     xs, ys = range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)
     box = [cell for cell in itertools.product(xs, ys) if cell not in ((0, 0), (dx, dy))]
     return [(i, j) for i, j in box if 2 * abs(dx * j - dy * i) <= abs(dx) + abs(dy)]
 
 
 def _reverses(edges: EdgesOnMap) -> bool:
+    """Return True if the robot may drive in reverse."""
     return edges.drive in ("differential-reverse", "reeds-shepp")
 
 
@@ -342,50 +396,68 @@ Motions = tuple[Floats, float, float, Ints, Floats, Floats, Ints, Floats]
 """Fields ``headings`` to ``lengths`` of :class:`Lattice`."""
 
 
-def _spot_motions(edges: EdgesOnMap, yaws: Floats, cells: Ints, is_own: Bools) -> Motions:
-    """Return turns on the spot to the next heading on both sides, and drives ahead and back."""
+def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw: Bools) -> Motions:
+    """List the motions of a robot that turns on the spot, for each heading.
+
+    They are turns to the next heading on both sides, and drives ahead and, if the drive allows it, in reverse. The
+    arguments are those that :func:`_list_headings` returns.
+    """
     spacing, moves = edges.space.grid.spacing, 3 + _reverses(edges)
     # At the yaw of start or goal, a step as long as a cell's diagonal leaves the cell.
     diagonals = math.sqrt(2.0) * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
-    steps = spacing * np.where(is_own[:, None], diagonals, cells)
-    following = (np.arange(len(yaws))[:, None] + [1, -1, 0, 0]) % len(yaws)
-    offsets = np.stack([0.0 * steps, 0.0 * steps, steps, -steps], axis=1)[:, :moves]
-    costs = METRES_PER_RADIAN * np.abs(wrapped(yaws[following] - yaws[:, None]))[:, :moves]
+    drives = spacing * np.where(is_endpoint_yaw[:, None], diagonals, steps)
+    next_heading = (np.arange(len(yaws))[:, None] + [1, -1, 0, 0]) % len(yaws)
+    offsets = np.stack([0.0 * drives, 0.0 * drives, drives, -drives], axis=1)[:, :moves]
+    costs = METRES_PER_RADIAN * np.abs(wrapped(yaws[next_heading] - yaws[:, None]))[:, :moves]
     costs += np.linalg.norm(offsets, axis=2)
-    contiguous, words = np.ascontiguousarray, (np.zeros((moves, 5), dtype=np.int64), np.zeros((moves, 5)))
-    return yaws, 0.0, spacing, contiguous(following[:, :moves]), contiguous(offsets), contiguous(costs), *words
+    contiguous, no_words = np.ascontiguousarray, (np.zeros((moves, 5), dtype=np.int64), np.zeros((moves, 5)))
+    return yaws, 0.0, spacing, contiguous(next_heading[:, :moves]), contiguous(offsets), contiguous(costs), *no_words
 
 
 def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
-    """Return arcs of a car to the next heading on both sides, and drives straight on, ahead and in reverse."""
+    """List the motions of a car, for each heading of a lattice.
+
+    They are arcs to the next heading on both sides and drives straight on, each ahead and, if the drive allows it, in
+    reverse. ``level`` is an index into :data:`CAR_HEADINGS`; the first heading is that of the start.
+    """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
+    # The chord of an arc is as long as the diagonal of a cell, and a straight drive longer, so both leave the cell.
     side = max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
     straight, moves = max(arc * radius, 1.01 * math.sqrt(2.0) * side), 3 + 3 * _reverses(edges)
     steering, signs = np.tile([1, -1, 0], 2)[:moves], np.repeat([1, -1], 3)[:moves]
     metres = signs * np.where(steering, arc * radius, straight)
-    following = (np.arange(count)[:, None] + steering * signs) % count
-    first, last, turn = yaws[:, None], yaws[following], steering * radius
-    x = np.where(steering, turn * (np.sin(last) - np.sin(first)), metres * np.cos(first))
-    y = np.where(steering, turn * (np.cos(first) - np.cos(last)), metres * np.sin(first))
+    next_heading = (np.arange(count)[:, None] + steering * signs) % count
+    # Along an arc to the left of radius r, x changes by r (sin b - sin a), y by r (cos a - cos b); a right arc has -r.
+    before, after, signed_radius = yaws[:, None], yaws[next_heading], steering * radius
+    x = np.where(steering, signed_radius * (np.sin(after) - np.sin(before)), metres * np.cos(before))
+    y = np.where(steering, signed_radius * (np.cos(before) - np.cos(after)), metres * np.sin(before))
     costs = np.tile(np.abs(metres) * np.where(signs < 0, REVERSE_WEIGHT, 1.0), (count, 1))
     words = np.zeros((moves, 5), dtype=np.int64), np.zeros((moves, 5))
     words[0][:, 0], words[1][:, 0] = steering, metres / radius
-    return yaws, radius, side, following, np.stack([x, y], axis=2), costs, *words
+    return yaws, radius, side, next_heading, np.stack([x, y], axis=2), costs, *words
 
 
 def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, until: float) -> Nodes:
-    """Search from the start until a path is found, there is none, or nodes are used up."""
-    map_, count = edges.space._kernel_map, INITIAL_LATTICE_NODES
+    """Search from the start until a path is found or `max_nodes` are reached.
+
+    It also ends when no node is left to expand. Raises TimeoutError after ``until``.
+    """
+    map_, capacity = edges.space._kernel_map, INITIAL_LATTICE_NODES
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
-    arrays = np.empty((count, 3)), np.empty((count, 2), np.int64), np.empty(count), np.empty((count, 3), np.int64)
+    arrays = (
+        np.empty((capacity, 3)),
+        np.empty((capacity, 2), np.int64),
+        np.empty(capacity),
+        np.empty((capacity, 3), np.int64),
+    )
     counts = np.array([0, 0, 0, 0, -1])
-    nodes = Nodes(*arrays, np.full(4 * count, -1), np.full(QUEUE_BUCKETS, -1), counts, np.array([math.inf]))
+    nodes = Nodes(*arrays, np.full(4 * capacity, -1), np.full(QUEUE_BUCKETS, -1), counts, np.array([math.inf]))
     begin_search(map_, lattice, nodes, start)
-    while not expand_nodes(map_, lattice, nodes) and nodes.counts[0] < max_nodes:
+    while not expand_nodes(map_, lattice, nodes) and nodes.counts[NODE_COUNT] < max_nodes:
         check_deadline(until)
-        if 2 * nodes.counts[0] > len(nodes.costs):
+        if 2 * nodes.counts[NODE_COUNT] > len(nodes.costs):
             larger = [np.concatenate([each, np.empty_like(each)]) for each in nodes[:4]]
             nodes = Nodes(*larger, np.full(2 * len(nodes.table), -1), *nodes[5:])  # type: ignore[call-arg]  # eight fields
             rehash(nodes)
@@ -393,48 +465,61 @@ def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, un
 
 
 def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
-    """Return the configurations from the start to the goal, without those amid a straight drive of lattice motions."""
-    node, rows, drive = int(nodes.counts[4]), [lattice.goal], -1
+    """Return the path that the search found, shape (n, 3).
+
+    Consecutive drives straight on along one heading become one edge.
+    """
+    node, rows, later_move = int(nodes.counts[LAST_NODE]), [lattice.goal], -1
     while node >= 0:
-        before, move = nodes.links[node, :2].tolist()
-        if lattice.kind >= 0 or move < 2 or move != drive:
+        parent, move = nodes.links[node, :2].tolist()
+        if lattice.kind >= 0 or move < DRIVE_AHEAD or move != later_move:
             rows.append(tuple(nodes.poses[node].tolist()))
-        node, drive = before, move
+        node, later_move = parent, move
     return np.array([b for a, b in zip([None, *rows], rows, strict=False) if a != b])[::-1]
 
 
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
-    """Return the cheapest path over waypoints of a path, and points between them, with edges that are proven free.
+    """Shorten a path by edges between its waypoints.
 
-    After ``until``, no more shortcuts are sought.
+    The result is the cheapest path over the waypoints, and points between them, by edges that are proven free. After
+    ``until``, no more shortcuts are sought. ``path`` and the result have shape (n, 3).
     """
     check, given = edges.edge_checker(), path
     for _ in range(SHORTENING_ROUNDS):
-        steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
-        rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
-        for a, b, step in zip(path[:-1], path[1:], steps.tolist(), strict=True):
-            count = int(step / gap) if edges.turning_radius is None and a[2] == b[2] else 1
-            rows += [a + np.arange(1, count)[:, None] / count * (b - a), b[None]]
-        path = np.concatenate(rows)
-        before, total = np.zeros(len(path), dtype=np.int64), np.zeros(len(path))
+        path = _with_points_between(edges, path)
+        # Dynamic programming: each point is joined to the earlier one that gives the cheapest path to it.
+        previous, total = np.zeros(len(path), dtype=np.int64), np.zeros(len(path))
         apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
         for k in range(1, len(path)):
-            first = k - apart[apart <= k]
-            costs = total[first] + _edge_costs(edges, path[first], path[k]) + COST_PER_EDGE
+            earlier = k - apart[apart <= k]
+            costs = total[earlier] + _edge_costs(edges, path[earlier], path[k]) + COST_PER_EDGE
             for index in np.argsort(costs, kind="stable").tolist():
                 # The edge from the waypoint before belongs to the path.
-                if index == 0 or (clock() < until and check(*path[first[index]].tolist(), *path[k].tolist())):
-                    before[k], total[k] = first[index], costs[index]
+                if index == 0 or (clock() < until and check(*path[earlier[index]].tolist(), *path[k].tolist())):
+                    previous[k], total[k] = earlier[index], costs[index]
                     break
         chain = [len(path) - 1]
         while chain[-1] > 0:
-            chain.append(int(before[chain[-1]]))
+            chain.append(int(previous[chain[-1]]))
         path = edges.remove_turns(path[chain[::-1]])
     return path if edges.are_free(path) else given  # rounding may make a part of an edge fail
 
 
+def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
+    """Insert about :data:`POINTS_PER_PATH` points along the drives of a path without rotation.
+
+    A car's path is returned as it is, because a part of its curve need not be a shortest curve.
+    """
+    steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
+    rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
+    for a, b, step in zip(path[:-1], path[1:], steps.tolist(), strict=True):
+        count = int(step / gap) if edges.turning_radius is None and a[2] == b[2] else 1
+        rows += [a + np.arange(1, count)[:, None] / count * (b - a), b[None]]
+    return np.concatenate(rows)
+
+
 def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
-    """Return the costs of edges to a configuration, shape (n,)."""
+    """Return the costs of edges from `starts`, shape (n, 3), to `end`, shape (3,)."""
     if edges.turning_radius is None:
         return edges.edge_lengths(starts, np.tile(end, (len(starts), 1)))
     costs = np.empty(len(starts))
@@ -444,65 +529,80 @@ def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
 
 @kernel
 def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, counts: Ints) -> bool:
-    """Expand states from the goal, the one of least bound first; return True if the search is through.
+    """Expand states from the goal (A*); return True when the search is over.
 
-    ``table`` is negative where a state was expanded. ``entries`` are states and the next entry in the same bucket;
-    ``counts`` are the entries in use and waiting, the first free one, and the lowest bucket. It returns False for a
-    look at the clock, and for more memory.
+    It returns False after :data:`NODES_PER_CLOCK_CHECK` states, so that the caller checks the time and adds memory.
+
+    Parameters
+    ----------
+    table : ndarray of float32
+        As in :class:`Lattice`; negative where a state was expanded.
+    entries : ndarray of int64, shape (n, 2)
+        Queued states, and the next entry in the same bucket.
+    buckets : ndarray of int64
+        First entry of each bucket; -1 if empty.
+    counts : ndarray of int64, shape (4,)
+        Numbers of entries used and waiting, the first entry to use again, and the lowest bucket.
     """
     free, turns, touched, width, one = cells.free, cells.turns, cells.touched, cells.width, np.uint64(1)
-    count, start = len(cells.steps), cells.start // len(cells.steps)
+    headings, start = len(cells.steps), cells.start // len(cells.steps)
     for _ in range(NODES_PER_CLOCK_CHECK):
-        while counts[1] > 0 and buckets[counts[3]] < 0:
-            counts[3] += 1
+        while counts[ENTRIES_WAITING] > 0 and buckets[counts[LOWEST_ENTRY_BUCKET]] < 0:
+            counts[LOWEST_ENTRY_BUCKET] += 1
+        # The search is over when the queue is empty, or is dearer than the start by the margin.
         found = abs(table[cells.start])
-        if counts[1] == 0 or (found > 0.0 and counts[3] > BUCKETS_PER_CELL * (found - 1.0 + cells.margin)):
+        if counts[ENTRIES_WAITING] == 0 or (
+            found > 0.0 and counts[LOWEST_ENTRY_BUCKET] > BUCKETS_PER_CELL * (found - 1.0 + cells.margin)
+        ):
             return True
-        entry = buckets[counts[3]]
-        state, buckets[counts[3]] = entries[entry, 0], entries[entry, 1]
-        counts[1] -= 1
-        entries[entry, 1], counts[2] = counts[2], entry
+        # Take the first entry of the bucket, and list it as unused. A state that was expanded is skipped.
+        entry = buckets[counts[LOWEST_ENTRY_BUCKET]]
+        state, buckets[counts[LOWEST_ENTRY_BUCKET]] = entries[entry, 0], entries[entry, 1]
+        counts[ENTRIES_WAITING] -= 1
+        entries[entry, 1], counts[UNUSED_ENTRY] = counts[UNUSED_ENTRY], entry
         if table[state] < 0.0:
             continue
-        place, k, cost = state // count, state % count, float(table[state])
-        bit = one << np.uint64(k)
+        place, heading, cost = state // headings, state % headings, float(table[state])
+        bit = one << np.uint64(heading)
         table[state] = -cost
         for move in range(4 if cells.reverses else 3):
-            if move < 2:
-                turn = (k + count - move) % count
+            if move < DRIVE_AHEAD:
+                turn = (heading + headings - move) % headings
                 if not (turns[place] >> np.uint64(turn)) & one:
                     continue
-                other = place * count + (k + 1 - 2 * move + count) % count
+                other = place * headings + (heading + 1 - 2 * move + headings) % headings
                 total = cost + cells.angles[turn]
             else:
-                # The robot drives ahead to this place, or back to it.
-                step = cells.steps[k] if move == 3 else -cells.steps[k]
-                rear, seen = min(move - 2, 1) * place + (3 - move) * (place + step), free[place] & free[place + step]
+                # The search runs backwards: the robot drives ahead to this place from `place + step`, or back to it.
+                step = cells.steps[heading] if move == DRIVE_BACK else -cells.steps[heading]
+                rear = place if move == DRIVE_BACK else place + step
+                is_free = free[place] & free[place + step]
                 for n in range(touched.shape[1]):
-                    seen &= free[rear + touched[k, n]]
-                if not seen & bit:
+                    is_free &= free[rear + touched[heading, n]]
+                if not is_free & bit:
                     continue
-                other, total = (place + step) * count + k, cost + cells.lengths[k]
+                other, total = (place + step) * headings + heading, cost + cells.lengths[heading]
             known = abs(table[other])
             if known > 0.0 and known <= total + KNOWN_TOLERANCE:
                 continue
+            # The bucket goes by the cost plus a lower bound of the rest: straight to the start, turning on the way.
             table[other] = total
-            i, j = (other // count) // width - start // width, (other // count) % width - start % width
-            bound = total - 1.0 + math.hypot(i, j) + cells.angles_to_start[other % count]
-            bucket = max(min(int(BUCKETS_PER_CELL * bound), QUEUE_BUCKETS - 1), counts[3])
-            if counts[2] >= 0:
-                entry, counts[2] = counts[2], entries[counts[2], 1]
+            dx, dy = (other // headings) // width - start // width, (other // headings) % width - start % width
+            bound = total - 1.0 + math.hypot(dx, dy) + cells.angles_to_start[other % headings]
+            bucket = max(min(int(BUCKETS_PER_CELL * bound), QUEUE_BUCKETS - 1), counts[LOWEST_ENTRY_BUCKET])
+            if counts[UNUSED_ENTRY] >= 0:
+                entry, counts[UNUSED_ENTRY] = counts[UNUSED_ENTRY], entries[counts[UNUSED_ENTRY], 1]
             else:
-                entry = counts[0]
-                counts[0] += 1
+                entry = counts[ENTRIES_USED]
+                counts[ENTRIES_USED] += 1
             entries[entry, 0], entries[entry, 1], buckets[bucket] = other, buckets[bucket], entry
-            counts[1] += 1
+            counts[ENTRIES_WAITING] += 1
     return False
 
 
 @jit
 def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None:
-    """Add the start."""
+    """Add the start, at its nearest heading, to the nodes."""
     heading = 0
     for k in range(len(lattice.headings)):
         if abs(shorter_angle(start[2], lattice.headings[k])) < abs(shorter_angle(start[2], lattice.headings[heading])):
@@ -512,48 +612,54 @@ def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None
 
 @jit
 def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
-    """Expand nodes, the one of least bound first; return True if the search is through.
+    """Expand nodes of the second search (A*); return True when the search is over.
 
-    It returns False for a look at the clock, and for more memory.
+    It returns False so that the caller checks the time and adds memory.
     """
     counts, links, goal, is_car = nodes.counts, nodes.links, lattice.goal, lattice.kind >= 0
     for _ in range(NODES_PER_CLOCK_CHECK):
-        while counts[1] > 0 and nodes.buckets[counts[3]] < 0:
-            counts[3] += 1
-        if counts[1] == 0 or counts[3] >= BUCKETS_PER_CELL * nodes.best[0] / map_.spacing:
+        while counts[NODES_WAITING] > 0 and nodes.buckets[counts[LOWEST_BUCKET]] < 0:
+            counts[LOWEST_BUCKET] += 1
+        # No node that waits can beat the best path to the goal any more.
+        if counts[NODES_WAITING] == 0 or counts[LOWEST_BUCKET] >= BUCKETS_PER_CELL * nodes.best[0] / map_.spacing:
             return True
-        if 2 * counts[0] > len(nodes.costs):
+        if 2 * counts[NODE_COUNT] > len(nodes.costs):
             return False
-        node = nodes.buckets[counts[3]]
-        nodes.buckets[counts[3]] = links[node, 2]
-        counts[1] -= 1
+        node = nodes.buckets[counts[LOWEST_BUCKET]]
+        nodes.buckets[counts[LOWEST_BUCKET]] = links[node, 2]
+        counts[NODES_WAITING] -= 1
         cost, heading = nodes.costs[node], nodes.keys[node, 1]
-        if cost == math.inf:
+        if cost == math.inf:  # a cheaper path into its cell was found since
             continue
-        counts[2] += 1
+        counts[NODES_EXPANDED] += 1
+        # Near the goal, and from some nodes far from it, one edge may lead to the goal itself.
         x, y, yaw = nodes.poses[node]
-        apart = math.hypot(x - goal[0], y - goal[1])
-        if counts[2] % NODES_PER_GOAL_EDGE == 0 or apart < max(4.0 * lattice.radius, 8.0 * map_.spacing):
+        to_goal = math.hypot(x - goal[0], y - goal[1])
+        if counts[NODES_EXPANDED] % NODES_PER_GOAL_EDGE == 0 or to_goal < max(4.0 * lattice.radius, 8.0 * map_.spacing):
             total = cost + _cost_to_goal(map_, lattice, (x, y, yaw))
             if total < nodes.best[0]:
-                nodes.best[0], counts[4] = total, node
+                nodes.best[0], counts[LAST_NODE] = total, node
                 if is_car:  # its remaining costs are no lower bounds anyway
                     return True
         for move in range(lattice.next_heading.shape[1]):
             after, step = lattice.next_heading[heading, move], lattice.costs[heading, move]
-            u, v = x + lattice.offsets[heading, move, 0], y + lattice.offsets[heading, move, 1]
-            if abs(u - goal[0]) + abs(v - goal[1]) < 1e-6 * lattice.side:
-                u, v = goal[0], goal[1]  # else rounding would give the last edge a heading
+            next_x, next_y = x + lattice.offsets[heading, move, 0], y + lattice.offsets[heading, move, 1]
+            if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * lattice.side:
+                next_x, next_y = goal[0], goal[1]  # else rounding would give the last edge a heading
             if is_car and links[node, 1] >= 0 and lattice.lengths[links[node, 1], 0] * lattice.lengths[move, 0] < 0.0:
                 step += SWITCH_RADII * lattice.radius
-            if map_.lower[0] <= u <= map_.upper[0] and map_.lower[1] <= v <= map_.upper[1]:
-                _add(map_, lattice, nodes, (u, v, lattice.headings[after]), after, cost + step, node, move)
+            if map_.lower[0] <= next_x <= map_.upper[0] and map_.lower[1] <= next_y <= map_.upper[1]:
+                _add(map_, lattice, nodes, (next_x, next_y, lattice.headings[after]), after, cost + step, node, move)
     return False
 
 
 @jit
 def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost: float, parent: int, move: int) -> None:
-    """Add a node, if it is the cheapest of its cell, may beat the best path, and its motion is proven free."""
+    """Add configuration `q` to the nodes, if its motion is proven free.
+
+    It is left out if its cell and heading have a cheaper node, or if it cannot beat the best path. ``cost`` is that of
+    the path to `q`; ``parent`` is the node before, -1 for the start, and ``move`` the motion from there.
+    """
     i, j = math.floor((q[0] - map_.lower[0]) / lattice.side), math.floor((q[1] - map_.lower[1]) / lattice.side)
     key = ((i << KEY_BITS) + j) * len(lattice.headings) + heading
     slot, spare = _slot(nodes, key), MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
@@ -563,6 +669,7 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
     bound = cost + (CAR_GREED if lattice.kind >= 0 else 1.0) * _remaining(map_, lattice, q, heading)
     if not bound < nodes.best[0]:  # or infinite
         return
+    # The proof comes last, because it takes the most time.
     if parent >= 0:
         p = (nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2])
         if lattice.kind < 0:
@@ -572,20 +679,21 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
             map_, lattice.radius, p, lattice.steering[move], lattice.lengths[move], spare
         ):
             return
+    # The node replaces the one of its cell and heading, and is put first into its bucket.
     if known >= 0:
         nodes.costs[known] = math.inf
-    node, bucket = nodes.counts[0], min(int(BUCKETS_PER_CELL * bound / map_.spacing), QUEUE_BUCKETS - 1)
+    node, bucket = nodes.counts[NODE_COUNT], min(int(BUCKETS_PER_CELL * bound / map_.spacing), QUEUE_BUCKETS - 1)
     nodes.poses[node], nodes.keys[node], nodes.costs[node], nodes.table[slot] = q, (key, heading), cost, node
     nodes.links[node] = parent, move, nodes.buckets[bucket]
     nodes.buckets[bucket] = node
-    nodes.counts[0] += 1
-    nodes.counts[1] += 1
-    nodes.counts[3] = min(bucket, nodes.counts[3])
+    nodes.counts[NODE_COUNT] += 1
+    nodes.counts[NODES_WAITING] += 1
+    nodes.counts[LOWEST_BUCKET] = min(bucket, nodes.counts[LOWEST_BUCKET])
 
 
 @kernel
 def _slot(nodes: Nodes, key: int) -> int:
-    """Return the slot of a cell and heading in the hash table, or the empty slot where it belongs."""
+    """Return the hash table's slot of a key, or the empty slot for it."""
     slot = (key * HASH_FACTOR >> 20) & (len(nodes.table) - 1)
     while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot], 0] != key:
         slot = (slot + 1) & (len(nodes.table) - 1)
@@ -594,20 +702,27 @@ def _slot(nodes: Nodes, key: int) -> int:
 
 @kernel
 def rehash(nodes: Nodes) -> None:
-    """Enter all nodes into an empty hash table; the last of each cell and heading is the cheapest."""
-    for node in range(nodes.counts[0]):
+    """Enter all nodes into the empty hash table.
+
+    Nodes are in the order in which they were added, so the last one of each cell and heading is the cheapest.
+    """
+    for node in range(nodes.counts[NODE_COUNT]):
         nodes.table[_slot(nodes, nodes.keys[node, 0])] = node
 
 
 @jit
 def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
-    """Return about the least cost from a configuration to the goal."""
-    nx, ny = map_.states.shape[1], map_.states.shape[2]
-    i = min(math.floor((q[0] - map_.lower[0]) / map_.spacing), nx - 1) + PAD
-    j = min(math.floor((q[1] - map_.lower[1]) / map_.spacing), ny - 1) + PAD
-    cells = abs(lattice.table[(i * (ny + 2 * PAD) + j) * lattice.columns + lattice.nearest[heading]]) - 1.0
-    apart = math.hypot(q[0] - lattice.goal[0], q[1] - lattice.goal[1])
-    metres = max(apart, cells * map_.spacing if cells >= 0.0 else apart + lattice.unreached)
+    """Estimate the cost from configuration `q` to the goal, in metres.
+
+    It is the larger one of the straight distance and the first search's cost of the cell and ``heading``; near the
+    goal, cars count the length of their curve too.
+    """
+    rows, columns = map_.states.shape[1], map_.states.shape[2]
+    i = min(math.floor((q[0] - map_.lower[0]) / map_.spacing), rows - 1) + PAD
+    j = min(math.floor((q[1] - map_.lower[1]) / map_.spacing), columns - 1) + PAD
+    cells = abs(lattice.table[(i * (columns + 2 * PAD) + j) * lattice.columns + lattice.nearest[heading]]) - 1.0
+    to_goal = math.hypot(q[0] - lattice.goal[0], q[1] - lattice.goal[1])
+    metres = max(to_goal, cells * map_.spacing if cells >= 0.0 else to_goal + lattice.unreached)
     if metres < CURVE_RADII * lattice.radius:
         metres = max(metres, _curve_cost(lattice.kind, lattice.radius, q, lattice.goal))
     return metres
@@ -615,47 +730,54 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
 
 @jit
 def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
-    """Return the cost of the edge from a configuration to the goal; infinite if it is not proven free."""
+    """Return the cost of the edge from `q` to the goal, metres; infinite if not proven free."""
     (x, y, yaw), goal = q, lattice.goal
     if lattice.kind >= 0:
         proven = prove_length(map_, lattice.kind, lattice.radius, x, y, yaw, goal[0], goal[1], goal[2]) >= 0.0
         return _curve_cost(lattice.kind, lattice.radius, q, goal) if proven else math.inf
+    # The robot turns towards the goal, ahead or in reverse, drives straight, and turns to the yaw of the goal.
     metres, heading, radians = math.hypot(goal[0] - x, goal[1] - y), yaw, abs(shorter_angle(yaw, goal[2]))
     if metres > 0.0:
-        ahead = math.atan2(goal[1] - y, goal[0] - x)
-        heading, radians = ahead, abs(shorter_angle(yaw, ahead)) + abs(shorter_angle(ahead, goal[2]))
-        back = ahead - math.copysign(math.pi, ahead)
-        reverse = abs(shorter_angle(yaw, back)) + abs(shorter_angle(back, goal[2]))
+        forward = math.atan2(goal[1] - y, goal[0] - x)
+        heading, radians = forward, abs(shorter_angle(yaw, forward)) + abs(shorter_angle(forward, goal[2]))
+        backward = forward - math.copysign(math.pi, forward)
+        reverse = abs(shorter_angle(yaw, backward)) + abs(shorter_angle(backward, goal[2]))
         if lattice.reverses and abs(reverse - radians) < TIE_RADIANS:
             return math.inf  # rounding decides which way the robot drives
         if lattice.reverses and reverse < radians:
-            heading, radians = back, reverse
-    first, last = (x, y, heading), (goal[0], goal[1], heading)
-    proven = _is_free(map_, q, first) and _is_free(map_, last, goal)
-    return metres + METRES_PER_RADIAN * radians if proven and _is_free(map_, first, last) else math.inf
+            heading, radians = backward, reverse
+    drive_start, drive_end = (x, y, heading), (goal[0], goal[1], heading)
+    proven = _is_free(map_, q, drive_start) and _is_free(map_, drive_end, goal)
+    return metres + METRES_PER_RADIAN * radians if proven and _is_free(map_, drive_start, drive_end) else math.inf
 
 
 @kernel
 def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
-    """Return True if a straight edge is proven free; compiled once, because it is long."""
+    """Return True if a straight edge is proven free.
+
+    It is compiled once for all callers, because :func:`cspace.map.edges.edge_is_free` is long.
+    """
     return edge_is_free(map_, None, q0, q1)
 
 
 @jit
 def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
-    """Write the costs of the shortest curves to a configuration."""
+    """Write the costs of the shortest curves from `starts`, shape (n, 3), to `end`."""
     for k in range(len(starts)):
         out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
 
 
 @jit
 def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
-    """Return the cost of the shortest curve of a car, with reversing and changes of direction."""
+    """Return the cost of the shortest curve of a car between two configurations, metres.
+
+    Driving in reverse and changes of direction cost more; see :data:`REVERSE_WEIGHT` and :data:`SWITCH_RADII`.
+    """
     _, lengths, _ = shortest_word(kind, radius, q0, q1)
-    total, last = 0.0, 0.0
+    total, previous = 0.0, 0.0
     for length in lengths:
         if abs(length) > MAX_GAP:
             total += abs(length) * (REVERSE_WEIGHT if length < 0.0 else 1.0)
-            total += SWITCH_RADII if last * length < 0.0 else 0.0
-            last = length
+            total += SWITCH_RADII if previous * length < 0.0 else 0.0
+            previous = length
     return total * radius
