@@ -156,7 +156,9 @@ class Cells(NamedTuple):
 
 
 class Lattice(NamedTuple):
-    """Lattice motions of a robot, m from each of h headings, and the costs to its goal.
+    """Motions of a robot, and costs to its goal.
+
+    There are m motions from each of h headings.
 
     Attributes
     ----------
@@ -208,7 +210,7 @@ class Lattice(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Configurations reached by the second search, and the queue of nodes to expand.
+    """Configurations reached, and the queue of nodes.
 
     Attributes
     ----------
@@ -241,9 +243,9 @@ class Nodes(NamedTuple):
 
 
 def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Floats, str]:
-    """Find a path of a drive's edges on a map in memory.
+    """Find a path by search on a lattice.
 
-    ``until`` is in seconds of :data:`cspace.compiling.clock`.
+    The path consists of a drive's edges on a map in memory. ``until`` is in seconds of :data:`cspace.compiling.clock`.
 
     Returns
     -------
@@ -277,7 +279,9 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> 
 
 
 def _list_headings(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
-    """List the headings of a lattice, including those of start and goal.
+    """List the headings of a lattice.
+
+    They include those of start and goal.
 
     Returns
     -------
@@ -308,17 +312,21 @@ def _list_steps(max_cells: int) -> Ints:
 
 
 def _yaws(steps: Ints) -> Floats:
-    """Return the yaws of drives by cells (x, y), shape (n, 2), in radians, shape (n,)."""
+    """Return the yaws of drives, in radians.
+
+    Drives are numbers of cells along x and y, shape (n, 2).
+    """
     return wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
 
 
 def _spread_costs(
     edges: EdgesOnMap, endpoints: Endpoints, yaws: Floats, steps: Ints, until: float
 ) -> tuple[Costs, float]:
-    """Compute the cost to the goal from each cell and heading.
+    """Compute the cost to the goal from all states.
 
-    ``yaws`` has shape (h,), ``steps`` shape (h, 2); see :func:`_list_headings`. Returns the table of :class:`Lattice`,
-    and the table's entry of the start, 0 if the goal cannot be reached. Raises TimeoutError after ``until``.
+    A state is a cell and a heading. ``yaws`` has shape (h,), ``steps`` shape (h, 2); see :func:`_list_headings`.
+    Returns the table of :class:`Lattice`, and the table's entry of the start, 0 if the goal cannot be reached. Raises
+    TimeoutError after ``until``.
     """
     grid, strides = edges.space.grid, np.array([edges.space.grid.shape[1] + 2 * PAD, 1])
     free, turns = _mark_free_places(edges, yaws, until)
@@ -355,11 +363,12 @@ def _spread_costs(
 
 
 def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Words, Words]:
-    """Pack FREE cells, and cells at which the robot may turn, a bit for each of at most 64 headings.
+    """Mark where the robot may stay and turn.
 
-    Cars may turn at cells that are FREE at both headings, because they turn as they drive. Other robots turn on the
-    spot, so all rotation cells between the headings must be FREE. Returns two arrays of uint64, shape (nx + 2 PAD,
-    ny + 2 PAD).
+    Both masks have a bit for each of at most 64 headings: FREE cells, and cells at which the robot may turn to the next
+    heading. Cars may turn at cells that are FREE at both headings, because they turn as they drive. Other robots turn
+    on the spot, so all rotation cells between the headings must be FREE. Returns two arrays of uint64, shape (nx + 2
+    PAD, ny + 2 PAD).
     """
     space, is_car = edges.space, edges.turning_radius is not None
     free, turns = np.zeros((2, *(n + 2 * PAD for n in space.grid.shape)), dtype=np.uint64)
@@ -377,10 +386,10 @@ def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Wo
 
 
 def _touched_cells(dx: int, dy: int) -> list[tuple[int, int]]:
-    """List the cells that a segment between two cell centers touches, except its ends.
+    """List the cells that a drive touches between its ends.
 
-    The segment leads from cell (0, 0) to cell (dx, dy). Cells are closed: a segment through a corner touches all four
-    cells.
+    The drive is the segment from the center of cell (0, 0) to that of cell (dx, dy). Cells are closed: a segment
+    through a corner touches all four cells.
     """
     xs, ys = range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)
     box = [cell for cell in itertools.product(xs, ys) if cell not in ((0, 0), (dx, dy))]
@@ -397,7 +406,7 @@ Motions = tuple[Floats, float, float, Ints, Floats, Floats, Ints, Floats]
 
 
 def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw: Bools) -> Motions:
-    """List the motions of a robot that turns on the spot, for each heading.
+    """List the motions of robots that turn on the spot.
 
     They are turns to the next heading on both sides, and drives ahead and, if the drive allows it, in reverse. The
     arguments are those that :func:`_list_headings` returns.
@@ -415,7 +424,7 @@ def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw:
 
 
 def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
-    """List the motions of a car, for each heading of a lattice.
+    """List the motions of a car for each heading.
 
     They are arcs to the next heading on both sides and drives straight on, each ahead and, if the drive allows it, in
     reverse. ``level`` is an index into :data:`CAR_HEADINGS`; the first heading is that of the start.
@@ -440,9 +449,10 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
 
 
 def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, until: float) -> Nodes:
-    """Search from the start until a path is found or `max_nodes` are reached.
+    """Search from the start for a path.
 
-    It also ends when no node is left to expand. Raises TimeoutError after ``until``.
+    It ends when a path is found, `max_nodes` are reached or no node is left to expand. Raises TimeoutError after
+    ``until``.
     """
     map_, capacity = edges.space._kernel_map, INITIAL_LATTICE_NODES
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
@@ -465,7 +475,7 @@ def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, un
 
 
 def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
-    """Return the path that the search found, shape (n, 3).
+    """Return the path found, shape (n, 3).
 
     Consecutive drives straight on along one heading become one edge.
     """
@@ -506,9 +516,10 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
 
 
 def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
-    """Insert about :data:`POINTS_PER_PATH` points along the drives of a path without rotation.
+    """Insert points along the straight drives of a path.
 
-    A car's path is returned as it is, because a part of its curve need not be a shortest curve.
+    There are about :data:`POINTS_PER_PATH` of them, all on drives along which the yaw is constant. A car's path is
+    returned as it is, because a part of its curve need not be a shortest curve.
     """
     steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
     rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
@@ -519,7 +530,10 @@ def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
 
 
 def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
-    """Return the costs of edges from `starts`, shape (n, 3), to `end`, shape (3,)."""
+    """Return the costs of edges to one configuration.
+
+    The edges lead from `starts`, shape (n, 3), to `end`, shape (3,); the costs have shape (n,).
+    """
     if edges.turning_radius is None:
         return edges.edge_lengths(starts, np.tile(end, (len(starts), 1)))
     costs = np.empty(len(starts))
@@ -529,7 +543,7 @@ def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
 
 @kernel
 def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, counts: Ints) -> bool:
-    """Expand states from the goal (A*); return True when the search is over.
+    """Expand states from the goal; return True when done.
 
     It returns False after :data:`NODES_PER_CLOCK_CHECK` states, so that the caller checks the time and adds memory.
 
@@ -602,7 +616,7 @@ def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, count
 
 @jit
 def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None:
-    """Add the start, at its nearest heading, to the nodes."""
+    """Add the start at its nearest heading."""
     heading = 0
     for k in range(len(lattice.headings)):
         if abs(shorter_angle(start[2], lattice.headings[k])) < abs(shorter_angle(start[2], lattice.headings[heading])):
@@ -612,7 +626,7 @@ def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None
 
 @jit
 def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
-    """Expand nodes of the second search (A*); return True when the search is over.
+    """Expand nodes from the start; return True when done.
 
     It returns False so that the caller checks the time and adds memory.
     """
@@ -655,10 +669,11 @@ def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
 
 @jit
 def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost: float, parent: int, move: int) -> None:
-    """Add configuration `q` to the nodes, if its motion is proven free.
+    """Add a configuration, if its motion is proven free.
 
-    It is left out if its cell and heading have a cheaper node, or if it cannot beat the best path. ``cost`` is that of
-    the path to `q`; ``parent`` is the node before, -1 for the start, and ``move`` the motion from there.
+    Configuration `q` is left out if its cell and heading have a cheaper node, or if it cannot beat the best path.
+    ``cost`` is that of the path to `q`; ``parent`` is the node before, -1 for the start, and ``move`` the motion from
+    there.
     """
     i, j = math.floor((q[0] - map_.lower[0]) / lattice.side), math.floor((q[1] - map_.lower[1]) / lattice.side)
     key = ((i << KEY_BITS) + j) * len(lattice.headings) + heading
@@ -693,7 +708,10 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
 
 @kernel
 def _slot(nodes: Nodes, key: int) -> int:
-    """Return the hash table's slot of a key, or the empty slot for it."""
+    """Return the hash table's slot of a key.
+
+    It is the empty slot where a new key belongs.
+    """
     slot = (key * HASH_FACTOR >> 20) & (len(nodes.table) - 1)
     while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot], 0] != key:
         slot = (slot + 1) & (len(nodes.table) - 1)
@@ -712,10 +730,10 @@ def rehash(nodes: Nodes) -> None:
 
 @jit
 def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
-    """Estimate the cost from configuration `q` to the goal, in metres.
+    """Estimate the remaining cost to the goal, in metres.
 
-    It is the larger one of the straight distance and the first search's cost of the cell and ``heading``; near the
-    goal, cars count the length of their curve too.
+    The estimate is the larger of the straight distance from `q` and the first search's cost of the cell and
+    ``heading``; near the goal, cars count the length of their curve too.
     """
     rows, columns = map_.states.shape[1], map_.states.shape[2]
     i = min(math.floor((q[0] - map_.lower[0]) / map_.spacing), rows - 1) + PAD
@@ -730,7 +748,10 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
 
 @jit
 def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
-    """Return the cost of the edge from `q` to the goal, metres; infinite if not proven free."""
+    """Return the cost of the edge to the goal.
+
+    The edge leads from configuration `q`. The cost is in metres, infinite if the edge is not proven free.
+    """
     (x, y, yaw), goal = q, lattice.goal
     if lattice.kind >= 0:
         proven = prove_length(map_, lattice.kind, lattice.radius, x, y, yaw, goal[0], goal[1], goal[2]) >= 0.0
@@ -762,14 +783,17 @@ def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
 
 @jit
 def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
-    """Write the costs of the shortest curves from `starts`, shape (n, 3), to `end`."""
+    """Write the costs of shortest curves to a configuration.
+
+    They lead from `starts`, shape (n, 3), to `end`, shape (3,); the costs in `out` are metres.
+    """
     for k in range(len(starts)):
         out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
 
 
 @jit
 def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
-    """Return the cost of the shortest curve of a car between two configurations, metres.
+    """Return the cost of a car's shortest curve, metres.
 
     Driving in reverse and changes of direction cost more; see :data:`REVERSE_WEIGHT` and :data:`SWITCH_RADII`.
     """
