@@ -1,6 +1,7 @@
-"""Compiled path search for arms, with two trees that grow towards each other along proven motions.
+"""Compiled path search for arms: two trees that grow towards each other along proven motions, again for shorter paths.
 
-J. J. Kuffner and S. M. LaValle, "RRT-Connect", 2000.
+J. J. Kuffner and S. M. LaValle, "RRT-Connect", 2000; J. D. Gammell and others, "Informed RRT*", 2014; R. Geraerts and
+M. H. Overmars, "Creating high-quality paths for motion planning", 2007.
 """
 
 from __future__ import annotations
@@ -35,6 +36,27 @@ SAMPLES_PER_BATCH: Final = 256
 
 INITIAL_NODES: Final = 1000
 """Initial capacity of a tree."""
+
+PULLS_PER_BATCH: Final = 64
+"""Parts of a path that are pulled between two checks of the clock."""
+
+WAYPOINT_SHARE: Final = 0.5
+"""Share of the parts that end at waypoints; the others end between them."""
+
+MIN_PULL: Final = 1e-3
+"""Length by which a pulled part must be shorter, radians or metres; less would only add waypoints."""
+
+MIN_BATCH_GAIN: Final = 0.03
+"""Share of the length that a batch of pulls must gain for another one to follow."""
+
+MIN_SEARCH_GAIN: Final = 0.01
+"""Share of the length that :data:`MAX_VAIN_SEARCHES` searches must gain together for more to follow."""
+
+BATCHES_PER_SEARCH: Final = 4
+"""Batches of attempts that a further search may take beyond the mean of the searches before it."""
+
+MAX_VAIN_SEARCHES: Final = 10
+"""Searches after which the path must be shorter by :data:`MIN_SEARCH_GAIN`."""
 
 
 class Forest(NamedTuple):
@@ -173,33 +195,241 @@ def grow_trees(
     return len(samples), 0
 
 
-def search_path(
-    scene: Scene,
-    bounds: tuple[Floats, Floats],
-    start: Floats,
-    goals: Floats,
-    rng: np.random.Generator,
-    seconds: float,
-    straight: bool,
-    spans: Floats,
-) -> Floats:
-    """Find a proven path to one of several goals.
+@kernel
+def joint_distance(q0: Floats, q1: Floats) -> float:
+    """Return the length of a motion in the joints."""
+    square = 0.0
+    for d in range(len(q0)):
+        square += (q1[d] - q0[d]) ** 2
+    return math.sqrt(square)
 
-    The path has shape (n, dof), and is empty if none was found. Start and goals must be free. Samples are the endpoints
-    themselves, then uniform within the bounds.
+
+@kernel
+def path_length(path: Floats, rows: int) -> float:
+    """Return the length of the first rows of a path."""
+    length = 0.0
+    for k in range(rows - 1):
+        length += joint_distance(path[k], path[k + 1])
+    return length
+
+
+@kernel
+def copy_point(path: Floats, position: float, out: Floats) -> None:
+    """Write the configuration at a position, counted in rows."""
+    k, share = int(position), position - int(position)
+    for d in range(len(out)):
+        # The row after the last one may be uninitialised.
+        out[d] = (1.0 - share) * path[k, d] + share * path[k + 1, d] if share > 0.0 else path[k, d]
+
+
+@kernel
+def copy_part(path: Floats, first: float, last: float, part: Floats) -> int:
+    """Write the part of a path between two positions, framed by the waypoints before and after; return its rows."""
+    count = 0
+    copy_point(path, math.floor(first), part[0])
+    copy_point(path, first, part[1])
+    for k in range(math.floor(first) + 1, math.ceil(last)):
+        copy_point(path, k, part[2 + count])
+        count += 1
+    copy_point(path, last, part[2 + count])
+    copy_point(path, math.ceil(last), part[3 + count])
+    return 4 + count
+
+
+@kernel
+def pull_part(part: Floats, count: int, joint: int, weight: float) -> int:
+    """Pull the inner waypoints of a framed part towards its straight motion, by a weight up to 1; return its rows.
+
+    Only one joint moves, or all if ``joint`` is -1.
     """
-    scratch, forest, length, end = make_scene_scratch(scene), _plant_trees(start, goals), 0, clock() + seconds
-    path = np.empty(forest.nodes[0].shape)
-    samples = np.concatenate([goals[np.argsort(((goals - start) ** 2).sum(axis=1))], start[np.newaxis]])
-    while not length and clock() < end:
-        if len(samples) < TRIES_PER_CLOCK_CHECK:
-            samples = np.concatenate([samples, rng.uniform(*bounds, (SAMPLES_PER_BATCH, len(start)))])
-        used, length = grow_trees(scene, forest, samples, scratch, straight, spans, path)
-        samples = samples[used:]
-        if forest.counts.max() + 2 >= forest.nodes.shape[1]:
-            forest = _double_capacity(forest)
-            path = np.empty(forest.nodes[0].shape)
-    return path[:length]
+    low, high = 1, count - 2
+    if joint < 0 and weight == 1.0:
+        copy_point(part, high, part[2])
+        copy_point(part, high + 1, part[3])
+        return 4
+    whole = path_length(part, high + 1) - joint_distance(part[0], part[low])
+    along = joint_distance(part[low], part[low + 1])
+    for k in range(low + 1, high):
+        step = joint_distance(part[k], part[k + 1])
+        for d in range(part.shape[1]):
+            if joint < 0 or d == joint:
+                straight = part[low, d] + along / whole * (part[high, d] - part[low, d])
+                part[k, d] += weight * (straight - part[k, d])
+        along += step
+    return count
+
+
+@kernel
+def part_is_free(scene: Scene, part: Floats, count: int, spans: Floats, scratch: SceneScratch) -> bool:
+    """Return True if a part between proven waypoints is proven free, within the spans of the joints."""
+    for k in range(1, count - 1):
+        if not point_is_free(scene, part[k], scratch):
+            return False
+    for k in range(count - 1):
+        if not is_within(part[k], part[k + 1], spans) or not motion_is_free(scene, part[k], part[k + 1], scratch):
+            return False
+    return True
+
+
+@kernel
+def replace_part(path: Floats, rows: int, first: float, last: float, part: Floats, count: int) -> int:
+    """Replace a framed part of a path, leaving out repeated waypoints; return the number of rows of the path."""
+    start, kept = int(first), 1
+    for k in range(1, count):
+        if joint_distance(part[kept - 1], part[k]) > 0.0:
+            copy_point(part, k, part[kept])
+            kept += 1
+    for k in range(math.ceil(last) + 1, rows):
+        copy_point(path, k, part[kept])
+        kept += 1
+    for k in range(kept):
+        copy_point(part, k, path[start + k])
+    return start + kept
+
+
+@kernel
+def pull_path(
+    scene: Scene, path: Floats, rows: int, draws: Floats, spans: Floats, part: Floats, scratch: SceneScratch
+) -> int:
+    """Pull random parts of a path towards straight motions, as far as these are proven free; return its rows.
+
+    Each row of ``draws``, shape (n, 5) in [0, 1), chooses one part. ``part`` is scratch, of the shape of ``path``.
+    """
+    size = path.shape[1]
+    for k in range(len(draws)):
+        if rows < 3 or rows + 3 > len(path):
+            break
+        first, last = draws[k, 0] * (rows - 1), draws[k, 1] * (rows - 1)
+        if draws[k, 2] < WAYPOINT_SHARE:
+            first, last = float(round(first)), float(round(last))
+        first, last = min(first, last), max(first, last)
+        count = copy_part(path, first, last, part)
+        if count < 5:
+            continue
+        joint, before = int(2.0 * size * draws[k, 3]), path_length(part, count)
+        count = pull_part(part, count, joint if joint < size else -1, min(2.0 * draws[k, 4], 1.0))
+        if path_length(part, count) < before - MIN_PULL and part_is_free(scene, part, count, spans, scratch):
+            rows = replace_part(path, rows, first, last, part, count)
+    return rows
+
+
+class PathSearch:
+    """A search of proven paths from a start to one of several goals.
+
+    Parameters
+    ----------
+    scene : Scene
+    bounds : pair of ndarray of float64, shape (dof,)
+        Lowest and highest values of the joints.
+    start : ndarray of float64, shape (dof,)
+        It must be free, and so must the goals.
+    goals : ndarray of float64, shape (n, dof)
+    spans : ndarray of float64, shape (dof,)
+        Largest motion of each joint between rows of a path.
+    rng : numpy.random.Generator
+    seconds : float
+        Time after which the search ends.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        bounds: tuple[Floats, Floats],
+        start: Floats,
+        goals: Floats,
+        spans: Floats,
+        rng: np.random.Generator,
+        seconds: float,
+    ) -> None:
+        self._scene, self._scratch, self._end = scene, make_scene_scratch(scene), clock() + seconds
+        self._bounds, self._start, self._spans, self._rng = bounds, start, spans, rng
+        distances = np.linalg.norm(goals - start, axis=1)
+        order = np.argsort(distances)
+        self._goals, self._distances = goals[order], distances[order]
+        self._batches: list[int] = []  # of attempts, used by each search
+
+    def find(self, straight: bool) -> Floats:
+        """Find a path, shape (n, dof); empty if none was found in time.
+
+        The first samples are the endpoints themselves. If ``straight``, it skips waypoints that straight motions do not
+        need.
+        """
+        return self._connect(self._goals, np.vstack([self._goals, self._start]), math.inf, math.inf, straight)
+
+    def shorten(self, path: Floats, searches: int | None) -> Floats:
+        """Return a path that is no longer, by further searches and by pulling parts towards straight motions.
+
+        It stops if ``searches`` are done; or if the path is within :data:`MIN_SEARCH_GAIN` of the shortest straight
+        motion, or the last :data:`MAX_VAIN_SEARCHES` searches gained less than that.
+        """
+        path = self._pull(path)
+        lengths = [_length(path)]
+        while searches is None or len(lengths) <= searches:
+            limit = (1.0 - MIN_SEARCH_GAIN) * lengths[-1]
+            goals = self._goals[self._distances < limit]
+            is_vain = len(lengths) > MAX_VAIN_SEARCHES and lengths[-1 - MAX_VAIN_SEARCHES] * (1.0 - MIN_SEARCH_GAIN) < lengths[-1]
+            if not len(goals) or is_vain or clock() >= self._end:
+                break
+            batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
+            other = self._connect(goals, goals[:0], lengths[-1], batches, True)
+            if len(other):
+                path = min(path, self._pull(other), key=_length)
+            path = self._pull(path)
+            lengths.append(_length(path))
+        return path
+
+    def _connect(self, goals: Floats, samples: Floats, length: float, max_batches: float, straight: bool) -> Floats:
+        """Grow two trees until they meet; a path that could be shorter than ``length`` is sought."""
+        forest, rows, batches = _plant_trees(self._start, goals), 0, 0
+        path = np.empty(forest.nodes[0].shape)
+        while not rows and batches < max_batches and clock() < self._end:
+            if len(samples) < TRIES_PER_CLOCK_CHECK:
+                samples = np.concatenate([samples, self._sample(goals, length)])
+            used, rows = grow_trees(self._scene, forest, samples, self._scratch, straight, self._spans, path)
+            samples, batches = samples[used:], batches + 1
+            if forest.counts.max() + 2 >= forest.nodes.shape[1]:
+                forest = _double_capacity(forest)
+                path = np.empty(forest.nodes[0].shape)
+        self._batches.append(batches)
+        return path[:rows]
+
+    def _sample(self, goals: Floats, length: float) -> Floats:
+        """Sample configurations through which a path of at most ``length`` may lead, shape (SAMPLES_PER_BATCH, dof).
+
+        They are uniform in the ellipsoid with foci at start and goal. Samples outside the bounds are replaced by
+        uniform ones within.
+        """
+        rng, size = self._rng, len(self._start)
+        uniform = rng.uniform(*self._bounds, (SAMPLES_PER_BATCH, size))
+        if math.isinf(length):
+            return uniform
+        ends = goals[rng.integers(len(goals), size=SAMPLES_PER_BATCH)]
+        axes = ends - self._start
+        distances = np.linalg.norm(axes, axis=1, keepdims=True)
+        axes /= distances
+        balls = rng.normal(size=uniform.shape)
+        balls *= rng.random((len(balls), 1)) ** (1.0 / size) / np.linalg.norm(balls, axis=1, keepdims=True)
+        minor = np.sqrt(length**2 - distances**2)
+        along = (balls * axes).sum(axis=1, keepdims=True)
+        samples = 0.5 * (self._start + ends + minor * balls + (length - minor) * along * axes)
+        inside = ((samples >= self._bounds[0]) & (samples <= self._bounds[1])).all(axis=1, keepdims=True)
+        return np.where(inside, samples, uniform)
+
+    def _pull(self, path: Floats) -> Floats:
+        """Pull parts of a path towards straight motions while a batch of pulls gains :data:`MIN_BATCH_GAIN`."""
+        rows = len(path)
+        pulled = np.concatenate([path, np.empty((rows + 2 * PULLS_PER_BATCH, path.shape[1]))])
+        part, length, last = np.empty_like(pulled), _length(path), math.inf
+        while rows > 2 and length < (1.0 - MIN_BATCH_GAIN) * last and clock() < self._end:
+            draws, last = self._rng.random((PULLS_PER_BATCH, 5)), length
+            rows = pull_path(self._scene, pulled, rows, draws, self._spans, part, self._scratch)
+            length = _length(pulled[:rows])
+        return pulled[:rows].copy()
+
+
+def _length(path: Floats) -> float:
+    """Return the length of a path in the joints."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def _plant_trees(start: Floats, goals: Floats) -> Forest:

@@ -376,12 +376,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         q1: ArrayLike,
         *,
         straight: bool = True,
+        iterations: int | None = 0,
         seed: int | None = None,
         time_limit: float = 5.0,
     ) -> Floats:
         """Find a path that is proven free as a whole.
 
-        It is not the shortest. Two trees of motions grow towards each other. The path is the same every time for a
+        Two trees of motions grow towards each other. The path is the same every time for a
         seed, unless the time limit ends the search. Continuous joints may turn either way: the path ends at the goal,
         or whole turns from it. It begins and ends within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad
         (m), at the limit.
@@ -412,7 +413,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         InputError
             If a configuration is not one of finite numbers, or the time limit is not above zero.
         """
-        from cspace.arms.search import search_path
+        from cspace.arms.search import PathSearch
 
         start, goals = self._check_configurations(q0, "q0"), np.atleast_2d(self._check_configurations(q1, "q1"))
         for name, q, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
@@ -429,7 +430,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 raise collision_error(self, q, name)
         images, rng = images[free[1:]], np.random.default_rng(seed)
         ranges = self.arm._ranges(np.vstack([start, images]))
-        return search_path(self._outer_scene, ranges, start, images, rng, seconds, straight, self._spans)
+        search = PathSearch(self._outer_scene, ranges, start, images, self._spans, rng, seconds)
+        path = search.find(straight)
+        return search.shorten(path, iterations) if len(path) and iterations != 0 else path
 
     @property
     def _spans(self) -> Floats:
