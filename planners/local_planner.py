@@ -200,8 +200,19 @@ class LocalPlanner(ABC):
         return bool(self.edges_are_free(path).all())
 
     @abstractmethod
-    def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        """Find a path by a built-in search, shape (n, size), or shape (0, size) if it finds none."""
+    def search(
+        self,
+        planner: str,
+        endpoints: Endpoints,
+        straight: bool,
+        seed: int | None,
+        seconds: float,
+        iterations: int | None = None,
+    ) -> Floats:
+        """Find a path by a built-in search, shape (n, size), or shape (0, size) if it finds none.
+
+        ``iterations`` is for "BiRRT", as for :meth:`cspace.ArmSpace.find_path`.
+        """
 
     @abstractmethod
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
@@ -347,7 +358,15 @@ class EdgesOnMap(LocalPlanner):
             free += replace(self, space=window).edges_are_free(edge).tolist()
         return np.array(free, dtype=np.bool_)
 
-    def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
+    def search(
+        self,
+        planner: str,
+        endpoints: Endpoints,
+        straight: bool,
+        seed: int | None,
+        seconds: float,
+        iterations: int | None = None,
+    ) -> Floats:
         """Find a path by the map's own search "Grid" or "MaxClearance", shape (n, size)."""
         find = {GRID: self.space.find_path, MAX_CLEARANCE: self.space.find_widest_path}
         until = clock() + seconds
@@ -720,9 +739,18 @@ class JointMotions(LocalPlanner):
         starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return np.asarray(self.space.motion_is_free(starts, ends))
 
-    def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        """Find a path by the arm's own search, "BiRRT", shape (n, size)."""
-        return self.space.find_path(*endpoints, straight=straight, seed=seed, time_limit=seconds)
+    def search(
+        self,
+        planner: str,
+        endpoints: Endpoints,
+        straight: bool,
+        seed: int | None,
+        seconds: float,
+        iterations: int | None = None,
+    ) -> Floats:
+        """Find a path by the arm's own search, "BiRRT", shape (n, size); the first one unless ``straight``."""
+        searches = iterations if straight else 0
+        return self.space.find_path(*endpoints, straight=straight, iterations=searches, seed=seed, time_limit=seconds)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of motions in the joints, shape (n,)."""

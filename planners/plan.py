@@ -185,17 +185,18 @@ def plan(
         - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and of these the
           shortest; deterministic unless the time limit ends it; not for maps in a store.
         - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others (2008); deterministic.
-        - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code.
+        - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code. It goes on to
+          shorten its path while that gains 1 %, at most until the time limit; not with ``simplify=False``.
 
         RRTConnect often fails for Dubins curves, because its tree at the goal grows by curves that leave the goal.
         Planners that also follow edges backwards are refused for Dubins curves; for "differential" their edges must be
         free both ways.
     time_limit : float
-        Seconds after which the search gives up. Simplification then has another 0.1 s. Caches of the map and
-        compilation are not limited; see :class:`planners.Times`.
+        Seconds after which the search ends. Simplification then has another 0.1 s. Caches of the map and compilation
+        are not limited; see :class:`planners.Times`.
     iterations : int, optional
-        Largest number of checks of OMPL's termination condition, about one for each iteration of the planner. Not for
-        PRM, PRMstar and the built-in searches.
+        Largest number of checks of OMPL's termination condition, about one for each iteration of the planner; of
+        BiRRT's further searches for a shorter path. Not for PRM, PRMstar and the built-in searches of maps.
     simplify : bool
         Whether to shorten the path; OMPL also smooths it. The result is kept only if it is certified and no worse by
         the objective.
@@ -350,7 +351,7 @@ def _check_built_in_search(task: _Task) -> None:
         "objective": task.objective,
         "exact": edges.exact and edges.follows_cells,  # without cells, the geometry decides anyway
         "drive": edges.drive,
-        "iterations": task.search.iterations,
+        "iterations": None if name == BIRRT else task.search.iterations,
     }
     if name == LATTICE and options.pop("drive") == HOLONOMIC:
         problem, rule = f"is {name!r} and drive is {edges.drive!r}", f"{name} is for all other drives"
@@ -474,7 +475,7 @@ def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, 
     edges.search(search.planner, (endpoints[0], endpoints[0]), False, search.seed, limit)
     seconds = limit if search.fallback is None else max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
-    path = edges.search(search.planner, endpoints, search.simplify, search.seed, seconds)
+    path = edges.search(search.planner, endpoints, search.simplify, search.seed, seconds, search.iterations)
     note = NO_SEARCH if search.planner == GRID and len(path) == 2 else ""
     return SearchResult(path, note, clock() - began)
 

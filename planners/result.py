@@ -193,12 +193,13 @@ class Plan:
 
     @property
     def lower_bound(self) -> float:
-        """Proven lower bound of the length of all collision-free paths from start to goal, metres.
+        """Proven lower bound of the length of all collision-free paths from start to goal.
 
-        A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound comes from
-        :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal; in a store and for an arm, it is
-        the straight distance. It holds for the obstacles as they are now, and for a robot that may move in any
-        direction. NaN if not solved. Computed at each access.
+        In the unit of :attr:`length`. A radian of rotation counts as half a metre, but along curves nothing. On a map,
+        the bound comes from :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. In a store
+        it is the straight distance, and for an arm the distance in the joints, continuous ones the shorter way. It
+        holds for the obstacles as they are now, and for a robot that may move in any direction. NaN if not solved.
+        Computed at each access.
         """
         edges = self._edges
         return edges.min_length(self.start, self.goal) if edges else self._lower_bound

@@ -46,17 +46,14 @@ WAYPOINT_SHARE: Final = 0.5
 MIN_PULL: Final = 1e-3
 """Length by which a pulled part must be shorter, radians or metres; less would only add waypoints."""
 
-MIN_BATCH_GAIN: Final = 0.03
-"""Share of the length that a batch of pulls must gain for another one to follow."""
-
-MIN_SEARCH_GAIN: Final = 0.01
-"""Share of the length that :data:`MAX_VAIN_SEARCHES` searches must gain together for more to follow."""
+MIN_GAIN: Final = 0.01
+"""Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for more to follow."""
 
 BATCHES_PER_SEARCH: Final = 4
 """Batches of attempts that a further search may take beyond the mean of the searches before it."""
 
 MAX_VAIN_SEARCHES: Final = 10
-"""Searches after which the path must be shorter by :data:`MIN_SEARCH_GAIN`."""
+"""Searches in a row that together may gain less than :data:`MIN_GAIN` before the search stops."""
 
 
 class Forest(NamedTuple):
@@ -359,17 +356,18 @@ class PathSearch:
     def shorten(self, path: Floats, searches: int | None) -> Floats:
         """Return a path that is no longer, by further searches and by pulling parts towards straight motions.
 
-        It stops if ``searches`` are done; or if the path is within :data:`MIN_SEARCH_GAIN` of the shortest straight
-        motion, or the last :data:`MAX_VAIN_SEARCHES` searches gained less than that.
+        It stops after ``searches``, or at the time limit; if the path is within :data:`MIN_GAIN` of the straight motion
+        to the nearest goal; or if the last :data:`MAX_VAIN_SEARCHES` searches gained less than that.
         """
         path = self._pull(path)
         lengths = [_length(path)]
         while searches is None or len(lengths) <= searches:
-            limit = (1.0 - MIN_SEARCH_GAIN) * lengths[-1]
-            goals = self._goals[self._distances < limit]
-            is_vain = len(lengths) > MAX_VAIN_SEARCHES and lengths[-1 - MAX_VAIN_SEARCHES] * (1.0 - MIN_SEARCH_GAIN) < lengths[-1]
+            goals = self._goals[self._distances < (1.0 - MIN_GAIN) * lengths[-1]]
+            before = lengths[-1 - MAX_VAIN_SEARCHES] if len(lengths) > MAX_VAIN_SEARCHES else math.inf
+            is_vain = (1.0 - MIN_GAIN) * before < lengths[-1]
             if not len(goals) or is_vain or clock() >= self._end:
                 break
+            # A search that takes much longer than the others is given up, because it rarely leads to a shorter path.
             batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
             other = self._connect(goals, goals[:0], lengths[-1], batches, True)
             if len(other):
@@ -416,11 +414,11 @@ class PathSearch:
         return np.where(inside, samples, uniform)
 
     def _pull(self, path: Floats) -> Floats:
-        """Pull parts of a path towards straight motions while a batch of pulls gains :data:`MIN_BATCH_GAIN`."""
+        """Pull parts of a path towards straight motions while a batch of pulls gains :data:`MIN_GAIN`."""
         rows = len(path)
         pulled = np.concatenate([path, np.empty((rows + 2 * PULLS_PER_BATCH, path.shape[1]))])
         part, length, last = np.empty_like(pulled), _length(path), math.inf
-        while rows > 2 and length < (1.0 - MIN_BATCH_GAIN) * last and clock() < self._end:
+        while rows > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
             draws, last = self._rng.random((PULLS_PER_BATCH, 5)), length
             rows = pull_path(self._scene, pulled, rows, draws, self._spans, part, self._scratch)
             length = _length(pulled[:rows])

@@ -382,10 +382,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     ) -> Floats:
         """Find a path that is proven free as a whole.
 
-        Two trees of motions grow towards each other. The path is the same every time for a
-        seed, unless the time limit ends the search. Continuous joints may turn either way: the path ends at the goal,
-        or whole turns from it. It begins and ends within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad
-        (m), at the limit.
+        Two trees of motions grow towards each other. The first path is not the shortest. Further searches only sample
+        where a shorter path may lead (Gammell and others, 2014), and parts of the path are pulled towards straight
+        motions, as far as these are proven free. The path is the same every time for a seed, unless the time limit ends
+        the search.
+
+        Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It begins and ends
+        within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), at the limit.
 
         Parameters
         ----------
@@ -395,9 +398,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             A FREE configuration, or several, of which any FREE one may be reached.
         straight : bool
             Whether to leave out waypoints that straight motions do not need.
+        iterations : int, optional
+            Largest number of further searches for a shorter path. None: until ten searches in a row shorten it by less
+            than 1 %. They also stop if the path is at most 1 % longer than the straight motion to the nearest goal.
         seed : int, optional
         time_limit : float
-            Seconds after which the search gives up.
+            Seconds after which the search returns the shortest path so far.
 
         Returns
         -------
@@ -411,7 +417,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError
             If the start, or each goal, is not FREE, or more than 1e-5 rad (m) beyond the limits of a joint.
         InputError
-            If a configuration is not one of finite numbers, or the time limit is not above zero.
+            If a configuration is not one of finite numbers, the time limit is not above zero, or ``iterations`` is
+            negative.
         """
         from cspace.arms.search import PathSearch
 
@@ -421,6 +428,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 rule = f"it must be one configuration of {self.size} numbers" + " or rows of them" * (name == "q1")
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
         seconds = check_positive(time_limit, "time_limit", "seconds")
+        searches = None if iterations is None else check_count(iterations, "iterations")
         start, goals = self.arm._clamp(start), self.arm._clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
@@ -432,7 +440,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ranges = self.arm._ranges(np.vstack([start, images]))
         search = PathSearch(self._outer_scene, ranges, start, images, self._spans, rng, seconds)
         path = search.find(straight)
-        return search.shorten(path, iterations) if len(path) and iterations != 0 else path
+        return search.shorten(path, searches) if len(path) and searches != 0 else path
 
     @property
     def _spans(self) -> Floats:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse.csgraph
 
 from cspace.arms import Arm, ArmSpace, build_arm_space
 from cspace.errors import ConfigurationError, InputError
@@ -121,9 +122,70 @@ def test_find_path_supports_all_kinds_of_joints(tmp_path: Any, seed: int) -> Non
     (([START, GOAL], GOAL), {}, InputError, r"q0 has shape \(2, 2\)"),
     ((START, np.empty((0, 2))), {}, InputError, r"q1 has shape \(0, 2\)"),
     ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
+    ((START, GOAL), {"iterations": -1}, InputError, "iterations is -1"),
+    ((START, GOAL), {"iterations": 1.5}, InputError, "iterations is 1.5"),
 )
 def test_find_path_refuses_invalid_arguments(
     space: ArmSpace, endpoints: Any, options: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
         space.find_path(*endpoints, **options)
+
+
+def path_length(path: Any) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def test_further_searches_find_the_shortest_way_around_a_wall(space: ArmSpace) -> None:
+    """Compare with the shortest chain of proven motions on a grid of configurations."""
+    path = space.find_path(START, GOAL, seed=1, iterations=40, time_limit=60.0)
+    assert space.certify_path(path).all()
+    np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
+    shoulder, elbow = np.linspace(-1.5, 1.5, 51), np.linspace(-2.4, 2.4, 73)  # both endpoints are on the grid
+    grid = np.stack(np.meshgrid(shoulder, elbow, indexing="ij"), axis=-1)
+    moves = [(i, j) for i in range(4) for j in range(-3, 4) if math.gcd(i, j) == 1 and (i, j) != (0, -1)]
+    index, edges = np.arange(grid[..., 0].size).reshape(grid.shape[:2]), []
+    for i, j in moves:
+        starts = index[: len(shoulder) - i, max(0, -j) : len(elbow) - max(0, j)]
+        edges.append(np.stack([starts, starts + i * len(elbow) + j], axis=-1).reshape(-1, 2))
+    points, pairs = grid.reshape(-1, 2), np.concatenate(edges)
+    pairs = pairs[np.asarray(space.motion_is_free(points[pairs[:, 0]], points[pairs[:, 1]]))]
+    lengths = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
+    graph = scipy.sparse.coo_array((lengths, tuple(pairs.T)), shape=(len(points), len(points))).tocsr()
+    start, goal = (int(np.abs(points - q).sum(axis=1).argmin()) for q in (START, GOAL))
+    np.testing.assert_allclose(points[[start, goal]], [START, GOAL], atol=1e-9)
+    chain = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=start)[goal]
+    assert path_length(path) <= 1.01 * chain
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_short_paths_are_proven_no_longer_and_reproducible(tmp_path: Any, seed: int) -> None:
+    """Sample the paths of arms with all kinds of joints; the proof of single configurations must agree."""
+    arm = Arm.from_urdf(random_arm(tmp_path, seed))
+    posts = {f"post {k}": posed_box((0.2, 0.2, 2.0), *place, 0.0) for k, place in enumerate([(0.8, 0.0), (0.0, 0.9)])}
+    space = build_arm_space(posts, arm, allowed_collisions=[("l0", name) for name in posts])
+    q0, *goals = space.sample_free(4, np.random.default_rng(seed))
+    options: dict[str, Any] = {"seed": seed, "time_limit": 60.0}
+    lengths, longer = [], math.inf
+    for iterations in (0, 1, 4, None):
+        path = space.find_path(q0, goals, iterations=iterations, **options)
+        assert space.certify_path(path).all()
+        along = np.concatenate([np.linspace(*edge, 50) for edge in pairwise(path)])
+        assert np.asarray(space.is_free(along)).all()
+        np.testing.assert_array_equal(path[0], q0)
+        assert min(np.abs(np.exp(1j * path[-1]) - np.exp(1j * goal)).max() for goal in goals) < 1e-9
+        lengths.append(path_length(path))
+        assert lengths[-1] <= longer
+        longer = lengths[-1]
+    np.testing.assert_array_equal(path, space.find_path(q0, goals, iterations=None, **options))
+
+
+def test_further_searches_end_in_time_and_early(space: ArmSpace) -> None:
+    space.find_path(START, GOAL, seed=1, iterations=2)  # compiles
+    start = time.perf_counter()
+    space.find_path(START, GOAL, seed=1, iterations=10**9, time_limit=0.3)
+    assert time.perf_counter() - start < 2.0
+    start = time.perf_counter()
+    assert len(space.find_path(START, (-1.0, 0.3), seed=1, iterations=10**9, time_limit=60.0)) == 2
+    space.find_path(START, GOAL, seed=1, iterations=None, time_limit=60.0)
+    assert time.perf_counter() - start < 20.0

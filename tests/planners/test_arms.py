@@ -121,6 +121,21 @@ def test_validity_checker_returns_the_obstacle_distance_as_clearance(tmp_path: P
     assert checker.clearance(state) == 0.0
 
 
+def test_plans_of_an_arm_are_shortened_unless_told_otherwise(tmp_path: Path) -> None:
+    space = space_of(tmp_path)
+    options: dict[str, Any] = {"seed": 3, "time_limit": 60.0}
+    first = planners.plan(space, START, GOAL, simplify=False, iterations=5, **options)
+    np.testing.assert_array_equal(first.path, space.find_path(START, GOAL, straight=False, seed=3))
+    plans = [planners.plan(space, START, GOAL, iterations=count, **options) for count in (1, 5, None)]
+    lengths = [first.length, *(plan.length for plan in plans)]
+    assert lengths == sorted(lengths, reverse=True) and lengths[-1] < lengths[0]
+    straight = math.dist(START, GOAL)
+    for plan in plans:
+        assert plan.certified and plan.lower_bound == pytest.approx(straight)
+        assert plan.gap == pytest.approx(plan.length / straight - 1.0)
+    np.testing.assert_array_equal(plans[-1].path, planners.plan(space, START, GOAL, **options).path)
+
+
 @refusals(
     "options, message",
     ({"start": (0.0, 9.0)}, "start has elbow at 9; its limits are -3 and 3"),
