@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from benchmarks.timing import Timing
 from cspace.arms import Arm, ArmSpace
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
+from planners import plan
 
 MIN_SOLVED_SHARE = {"panda": 0.95, "ur5": 0.9}
 """Target share of solved problems, for each arm in the data folder."""
@@ -42,6 +44,12 @@ CLOSE_CHECK_STEP = 0.005
 
 MOTIONS_PER_PROBLEM = 20
 """Number of motions tested for each problem."""
+
+MAX_LENGTH_RATIO = 1.05
+"""Target: median length of plans over the best known length."""
+
+REFERENCE_SEARCHES = 300
+"""Further searches of the runs that find the best known length."""
 
 OURS, SEARCH = "ours, find_path", "ours, its search alone"
 OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
@@ -67,6 +75,7 @@ def run(report: Report, seed: int) -> None:
             f"{ARM_SEARCH_SECONDS:g} s each"
         )
         _plan(report, problems, least, seed)
+        _shorten(report, problems, seed)
         _judge(report, problems[:: 1 if report.quick else 5], np.random.default_rng(seed))
 
 
@@ -132,6 +141,40 @@ def _solve(space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: b
         return space.find_path(start, goals, straight=straight, seed=seed, time_limit=ARM_SEARCH_SECONDS)
     except ConfigurationError:  # the start or all goals are not proven free
         return None
+
+
+def _shorten(report: Report, problems: list[ArmProblem], seed: int) -> None:
+    """Compare the lengths of default plans with the best of two long searches, and the first path."""
+    timing, ratios, first_ratios, certified = Timing(None), list[float](), list[float](), True
+    for problem in problems:
+        space = problem.space()
+        goals = problem.goals[np.asarray(space.is_free(problem.goals))]
+        if not (len(goals) and space.is_free(problem.start)) or space.motion_is_free(problem.start, goals[0]):
+            continue
+        endpoints = problem.start, goals[0]
+        if not timing.seconds:
+            plan(space, *endpoints, iterations=2)  # compiles and loads
+        short, first = timing.take(partial(plan, space, *endpoints, seed=seed)), space.find_path(*endpoints, seed=seed)
+        if not (short.solved and len(first)):
+            continue
+        seconds, certified = 2.0 if report.quick else 20.0, certified and short.certified
+        options: dict[str, Any] = {"iterations": REFERENCE_SEARCHES, "time_limit": seconds}
+        others = [space.find_path(*endpoints, seed=seed + k, **options) for k in (1, 2)]
+        best = min(short.length, *(_length(path) for path in others if len(path)))
+        ratios.append(short.length / best)
+        first_ratios.append(_length(first) / best)
+    if not ratios:
+        return
+    report.timing("plan, default time limit of 1 s", timing)
+    for name, values in (("plan", ratios), ("find_path, its first path", first_ratios)):
+        most = MAX_LENGTH_RATIO if values is ratios else None
+        report.figure(f"{name}: length over best known, median", statistics.median(values), most=most)
+        report.figure(f"{name}: length over best known, 95th percentile", float(np.quantile(values, 0.95)))
+    report.check(certified, f"all {len(ratios)} plans that needed a search are proven")
+
+
+def _length(path: Floats) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def _judge(report: Report, problems: list[ArmProblem], rng: np.random.Generator) -> None:

@@ -158,8 +158,18 @@ def test_further_searches_find_the_shortest_way_around_a_wall(space: ArmSpace) -
     assert path_length(path) <= 1.01 * chain
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_further_searches_never_lengthen_a_path_and_are_reproducible(space: ArmSpace, seed: int) -> None:
+    options: dict[str, Any] = {"seed": seed, "time_limit": 60.0}
+    paths = [space.find_path(START, GOAL, iterations=count, **options) for count in (0, 1, 2, 3, 4, 6, 9)]
+    assert all(space.certify_path(path).all() for path in paths)
+    lengths = [path_length(path) for path in paths]
+    assert lengths == sorted(lengths, reverse=True) and lengths[-1] < lengths[0]
+    np.testing.assert_array_equal(paths[-1], space.find_path(START, GOAL, iterations=9, **options))
+
+
 @pytest.mark.parametrize("seed", [0, 2, 3])
-def test_short_paths_are_proven_no_longer_and_reproducible(tmp_path: Any, seed: int) -> None:
+def test_short_paths_of_all_kinds_of_joints_are_proven(tmp_path: Any, seed: int) -> None:
     """Sample the paths of arms with all kinds of joints; the proof of single configurations must agree."""
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
     posts = {f"post {k}": posed_box((0.2, 0.2, 2.0), *place, 0.0) for k, place in enumerate([(0.8, 0.0), (0.0, 0.9)])}
