@@ -1,4 +1,4 @@
-"""Compiled path search for arms: two trees that grow towards each other along proven motions, again for shorter paths.
+"""Short paths of arms along proven motions, by a compiled search with two trees.
 
 J. J. Kuffner and S. M. LaValle, "RRT-Connect", 2000; J. D. Gammell and others, "Informed RRT*", 2014; R. Geraerts and
 M. H. Overmars, "Creating high-quality paths for motion planning", 2007.
@@ -221,7 +221,10 @@ def copy_point(path: Floats, position: float, out: Floats) -> None:
 
 @kernel
 def copy_part(path: Floats, first: float, last: float, part: Floats) -> int:
-    """Write the part of a path between two positions, framed by the waypoints before and after; return its rows."""
+    """Write the part of a path between two positions.
+
+    The waypoints before and after frame it. Returns its number of rows.
+    """
     count = 0
     copy_point(path, math.floor(first), part[0])
     copy_point(path, first, part[1])
@@ -235,9 +238,9 @@ def copy_part(path: Floats, first: float, last: float, part: Floats) -> int:
 
 @kernel
 def pull_part(part: Floats, count: int, joint: int, weight: float) -> int:
-    """Pull the inner waypoints of a framed part towards its straight motion, by a weight up to 1; return its rows.
+    """Pull the inner waypoints of a framed part towards its straight motion.
 
-    Only one joint moves, or all if ``joint`` is -1.
+    ``weight`` is at most 1. Only one joint moves, or all if ``joint`` is -1. Returns the number of rows.
     """
     low, high = 1, count - 2
     if joint < 0 and weight == 1.0:
@@ -258,7 +261,7 @@ def pull_part(part: Floats, count: int, joint: int, weight: float) -> int:
 
 @kernel
 def part_is_free(scene: Scene, part: Floats, count: int, spans: Floats, scratch: SceneScratch) -> bool:
-    """Return True if a part between proven waypoints is proven free, within the spans of the joints."""
+    """Return True if a part between proven waypoints is proven free."""
     for k in range(1, count - 1):
         if not point_is_free(scene, part[k], scratch):
             return False
@@ -270,7 +273,10 @@ def part_is_free(scene: Scene, part: Floats, count: int, spans: Floats, scratch:
 
 @kernel
 def replace_part(path: Floats, rows: int, first: float, last: float, part: Floats, count: int) -> int:
-    """Replace a framed part of a path, leaving out repeated waypoints; return the number of rows of the path."""
+    """Replace a framed part of a path, without repeated waypoints.
+
+    Returns the number of rows of the path.
+    """
     start, kept = int(first), 1
     for k in range(1, count):
         if joint_distance(part[kept - 1], part[k]) > 0.0:
@@ -288,9 +294,10 @@ def replace_part(path: Floats, rows: int, first: float, last: float, part: Float
 def pull_path(
     scene: Scene, path: Floats, rows: int, draws: Floats, spans: Floats, part: Floats, scratch: SceneScratch
 ) -> int:
-    """Pull random parts of a path towards straight motions, as far as these are proven free; return its rows.
+    """Pull random parts of a path towards straight motions if the result is proven free.
 
-    Each row of ``draws``, shape (n, 5) in [0, 1), chooses one part. ``part`` is scratch, of the shape of ``path``.
+    Each row of ``draws``, shape (n, 5) in [0, 1), chooses one part: its ends, whether they are waypoints, the joint and
+    the weight. ``part`` is scratch, of the shape of ``path``. Returns the number of rows.
     """
     size = path.shape[1]
     for k in range(len(draws)):
@@ -354,7 +361,7 @@ class PathSearch:
         return self._connect(self._goals, np.vstack([self._goals, self._start]), math.inf, math.inf, straight)
 
     def shorten(self, path: Floats, searches: int | None) -> Floats:
-        """Return a path that is no longer, by further searches and by pulling parts towards straight motions.
+        """Shorten a path by further searches, and by pulling its parts straight.
 
         It stops after ``searches``, or at the time limit; if the path is within :data:`MIN_GAIN` of the straight motion
         to the nearest goal; or if the last :data:`MAX_VAIN_SEARCHES` searches gained less than that.
@@ -377,7 +384,7 @@ class PathSearch:
         return path
 
     def _connect(self, goals: Floats, samples: Floats, length: float, max_batches: float, straight: bool) -> Floats:
-        """Grow two trees until they meet; a path that could be shorter than ``length`` is sought."""
+        """Grow two trees until they meet, where a path shorter than ``length`` may lead."""
         forest, rows, batches = _plant_trees(self._start, goals), 0, 0
         path = np.empty(forest.nodes[0].shape)
         while not rows and batches < max_batches and clock() < self._end:
