@@ -2,6 +2,7 @@
 
 from .arms import Arm as Arm
 from .arms import ArmSpace as ArmSpace
+from .arms import PoseGoal as PoseGoal
 from .arms import build_arm_space as build_arm_space
 from .arms import build_joint_map as build_joint_map
 from .arrays import BLOCKED as BLOCKED

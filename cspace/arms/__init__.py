@@ -1,8 +1,18 @@
 """Arms: robots with joints, whose configurations and motions are proven free of collisions."""
 
+from cspace.arms.inverse import PoseGoal
 from cspace.arms.joint_map import build_joint_map
 from cspace.arms.model import Arm
 from cspace.arms.solids import PosedShape, read_moveit_scene
 from cspace.arms.space import ArmSpace, Contact, build_arm_space
 
-__all__ = ["Arm", "ArmSpace", "Contact", "PosedShape", "build_arm_space", "build_joint_map", "read_moveit_scene"]
+__all__ = [
+    "Arm",
+    "ArmSpace",
+    "Contact",
+    "PoseGoal",
+    "PosedShape",
+    "build_arm_space",
+    "build_joint_map",
+    "read_moveit_scene",
+]

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, body_poses
+from cspace.arms.inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.solids import Solid, check_rigid, make_scene, share_posed_shape
 from cspace.arrays import Bools, Floats, frozen
-from cspace.check import check_finite
+from cspace.check import check_count, check_finite
 from cspace.errors import ConfigurationError, InputError
+from cspace.rotations.base import TWO_PI
 from cspace.shapes import ShapeLike, as_shape
 
 if TYPE_CHECKING:
@@ -270,6 +272,113 @@ class Arm:
         """
         poses = body_poses(self.chain, self._check_configurations(q, "q"))
         return {name: poses[..., frame.body, :, :] @ frame.pose for name, frame in self._frames.items()}
+
+    def inverse(
+        self,
+        frame: str,
+        pose: ArrayLike,
+        *,
+        tolerance: tuple[float, float] = DEFAULT_TOLERANCE,
+        near: ArrayLike | None = None,
+        max_solutions: int = 16,
+        seed: int = 0,
+    ) -> Floats:
+        """Return configurations that bring a frame to a pose: its inverse kinematics.
+
+        Damped least squares from up to 256 starts: ``near``, then random ones. Collisions are not tested; see
+        :meth:`ArmSpace.is_free`.
+
+        Parameters
+        ----------
+        frame : str
+            One of :attr:`frames`.
+        pose : array-like, shape (4, 4)
+            From the frame to that of the base, metres, as :meth:`pose` returns it.
+        tolerance : pair of float
+            Largest distance in metres, and largest angle in radians, from the pose. One may be infinite:
+            ``(1e-3, math.inf)`` asks for the position alone.
+        near : array-like, shape (dof,), optional
+            Configuration that gives the values of all joints that do not move the frame. By default they are at zero,
+            or at their nearest limit.
+        max_solutions : int
+            Largest number of configurations. A 6-joint arm has up to 16 for each pose, a 7-joint arm infinitely many.
+        seed : int
+            Seed of the random starts.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, dof)
+            Distinct configurations within the limits, n from 1 to ``max_solutions``; the nearest to ``near`` in the
+            joints is the first. Joints of which a whole turn changes nothing are within half a turn of ``near``, or as
+            near as their limits allow.
+
+        Raises
+        ------
+        ConfigurationError
+            If no start reaches the pose. The message names the distance and angle of the nearest pose reached, and
+            ``nearest`` is its configuration. Also if ``near`` is more than 1e-5 rad (m) beyond the limits.
+        InputError
+            If the frame is unknown or no joint moves it, the pose is no rigid motion, or a number is out of range.
+        """
+        return self._solve_pose(PoseGoal(frame, pose, tolerance), "pose", near, max_solutions, seed)
+
+    def _solve_pose(
+        self, goal: PoseGoal, name: str, near: ArrayLike | None = None, max_solutions: int = 16, seed: int = 0
+    ) -> Floats:
+        """Return configurations for a pose as :meth:`inverse`; ``name`` is the argument that gave it."""
+        body, tool = self._frames[self._check_frame(goal.frame, "frame")]
+        if body == 0:
+            rule = "no joint of the arm moves it"
+            raise InputError("frame", f"is {goal.frame!r}", rule, "name a frame beyond a joint", value=goal.frame)
+        q = self._rest if near is None else self._check_configurations(near, "near")
+        if q.ndim != 1:
+            rule = "it must be one configuration"
+            raise InputError("near", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=near)
+        self._check_limits(q, "near")
+        q = self._clamp(q)
+        count, rng = check_count(max_solutions, "max_solutions", 1), np.random.default_rng(check_count(seed, "seed"))
+        if body not in self._branches:
+            self._branches[body] = branch_to(self.chain, body)
+        branch = self._branches[body]
+        rows = branch.joints
+        limits, ranges = (self.lower[rows], self.upper[rows]), tuple(each[rows] for each in self._ranges(q))
+        found = solve_pose(branch, tool, goal, limits, ranges, q[rows], count, rng)
+        if not len(found.joints):
+            nearest = q.copy()
+            nearest[rows] = found.nearest
+            apart = zip((found.distance, found.angle), goal.tolerance, ("m", "rad"), strict=True)
+            parts = [(f"{value:.3g} {unit}", f"{most:g} {unit}") for value, most, unit in apart if math.isfinite(most)]
+            far, within = (" and ".join(texts) for texts in zip(*parts, strict=True))
+            problem = f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away"
+            hint = "move the pose, or pass a larger tolerance"
+            point = tuple(nearest.tolist())
+            raise ConfigurationError(name, problem, f"it must be within {within}", hint, value=goal.pose, nearest=point)
+        solutions = np.tile(q, (len(found.joints), 1))
+        solutions[:, rows] = found.joints
+        solutions = self._turn_towards(q, solutions)
+        return solutions[np.argsort(np.linalg.norm(solutions - q, axis=1), kind="stable")]
+
+    @cached_property
+    def _branches(self) -> dict[int, Branch]:
+        """Branches to bodies, made as they are needed."""
+        return {}
+
+    @property
+    def _whole_turns(self) -> Bools:
+        """Whether a whole turn of each joint changes nothing but its number, shape (dof,).
+
+        A joint that moves another joint by a fraction of its own angle is none of these.
+        """
+        moved, repeats = self.chain.kinds != FIXED, np.ones(self.dof, dtype=np.bool_)
+        differs = moved & ((self.chain.kinds != REVOLUTE) | (self.chain.factors % 1.0 != 0.0))
+        repeats[self.chain.joint_indices[differs]] = False
+        return repeats
+
+    def _turn_towards(self, q: Floats, others: Floats) -> Floats:
+        """Move configurations, shape (n, dof), towards q by whole turns within the limits."""
+        fewest, most = np.ceil((self.lower - others) / TWO_PI), np.floor((self.upper - others) / TWO_PI)
+        turns = np.clip(np.rint((q - others) / TWO_PI), fewest, most)
+        return self._clamp(others + np.where(self._whole_turns, TWO_PI * turns, 0.0))
 
     @cached_property
     def named_configurations(self) -> dict[str, Floats]:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import FIXED, REVOLUTE, body_poses
+from cspace.arms.chain import FIXED, body_poses
 from cspace.arms.hulls import node_corners
 from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, always_touch, draw_configurations, sort_pair
 from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free, pair_distances
@@ -193,11 +193,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         A whole turn of it leads to the same configuration. A joint that moves another joint by a fraction of its own
         angle is not periodic.
         """
-        chain, circles = self.arm.chain, np.isinf(self.arm.upper)
-        circles[
-            chain.joint_indices[(chain.kinds != FIXED) & ((chain.kinds != REVOLUTE) | (chain.factors % 1.0 != 0.0))]
-        ] = False
-        return tuple(circles.tolist())
+        return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``is_free`` of floats, ``check(*q)``; see :meth:`cspace.CSpace.point_checker`.

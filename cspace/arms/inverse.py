@@ -1,0 +1,439 @@
+"""Inverse kinematics: configurations of an arm that bring a frame to a pose.
+
+Damped least squares from several starts. A step minimises ``|J s + e|^2 + damping |s|^2``, where the rows of the error
+e and of its Jacobian J are the distance, divided by the arm's reach, and the rotation vector. The damping follows the
+error (N. Yamashita and M. Fukushima, "On the rate of convergence of the Levenberg-Marquardt method", 2001). Joints stop
+at their limits, and leave a step that would push them further (D. P. Bertsekas, "Projected Newton methods for
+optimization problems with simple constraints", 1982).
+"""
+
+# Libraries were considered (2026) and do not fit. pink and placo need pinocchio, mink needs MuJoCo, each with its own
+# reading of the URDF, and they solve a quadratic program for each step, from one start. ikpy takes 7 to 50 ms a pose,
+# by its own page. All leave restarts, joints that mimic others, and whole turns to the caller.
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.arms.chain import PRISMATIC, REVOLUTE, Chain, column, forward_kinematics, pose_rotation
+from cspace.arms.solids import check_rigid
+from cspace.arrays import Floats, Ints, frozen
+from cspace.check import check_real
+from cspace.compiling import kernel
+from cspace.errors import InputError
+from cspace.kernels import cross, minus, rotate, row_at
+from cspace.map.batches import as_contiguous
+
+DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
+"""Distance in metres and angle in radians within which a pose counts as reached."""
+
+POLISHED_SHARE: Final = 1e-3
+"""Share of the tolerance at which a solution is good enough; the last steps converge quadratically."""
+
+MIN_STARTS: Final = 32
+"""Starts tried before a search that found a configuration may end."""
+
+MAX_STARTS: Final = 256
+"""Starts after which a pose counts as out of reach."""
+
+MIN_REACH: Final = 1e-6
+"""Smallest length, in metres, by which distances are divided; an arm without links has none."""
+
+MIN_JOINT_DISTANCE: Final = 0.01
+"""Largest difference of a joint between configurations that count as the same, radians or metres."""
+
+FIRST_DAMPING: Final = 0.1
+"""Damping of the first step, divided by the squared error."""
+
+DAMPING_DECREASE: Final = 0.3
+"""Factor of the damping after a step that lowers the error."""
+
+DAMPING_INCREASE: Final = 5.0
+"""Factor of the damping after a step that does not."""
+
+MIN_DAMPING: Final = 1e-6
+"""Smallest damping, divided by the squared error."""
+
+MAX_REJECTED_STEPS: Final = 8
+"""Steps in a row that do not lower the error, after which a start is given up."""
+
+SLOW_DECREASE: Final = 0.8
+"""Ratio of squared errors above which a step counts as slow."""
+
+MAX_SLOW_STEPS: Final = 6
+"""Slow steps in a row after which a start is given up; it is mostly at a local minimum."""
+
+MAX_STEPS: Final = 100
+"""Steps after which a start is given up."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseGoal:
+    """A pose that a frame of an arm must reach, as a goal of :func:`planners.plan`.
+
+    Attributes
+    ----------
+    frame : str
+        One of :attr:`Arm.frames`, such as ``"tool0"``.
+    pose : ndarray of float64, shape (4, 4)
+        From the frame to that of the arm's base, metres, as :meth:`Arm.pose` returns it.
+    tolerance : tuple of float
+        Largest distance in metres, and largest angle in radians, from the pose. ``(1e-3, math.inf)`` asks for the
+        position alone.
+
+    Raises
+    ------
+    InputError
+        If the frame is no string, the pose is no rigid motion, or the tolerance is not two numbers above zero, of which
+        one may be infinite.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> pose = np.eye(4)
+    >>> pose[:3, 3] = 0.4, 0.1, 0.5
+    >>> goal = cspace.PoseGoal("tool0", pose, tolerance=(1e-3, 0.01))
+    """
+
+    frame: str
+    pose: ArrayLike
+    tolerance: tuple[float, float] = DEFAULT_TOLERANCE
+
+    def __post_init__(self) -> None:
+        """Check the fields, and replace pose and tolerance by floats."""
+        if not isinstance(self.frame, str):
+            raise InputError(
+                "frame", f"is {self.frame!r}", "it must be a string", "pass e.g. 'tool0'", value=self.frame
+            )
+        tolerance = np.asarray(check_real(self.tolerance, "tolerance"), dtype=np.float64)
+        if tolerance.shape != (2,) or not (tolerance > 0.0).all() or np.isinf(tolerance).all():
+            rule = "it must be two numbers above zero, metres and radians, of which one may be infinite"
+            hint = f"pass e.g. {DEFAULT_TOLERANCE}"
+            raise InputError("tolerance", f"is {self.tolerance!r}", rule, hint, value=self.tolerance)
+        object.__setattr__(self, "pose", frozen(check_rigid(self.pose, "pose")))
+        object.__setattr__(self, "tolerance", tuple(tolerance.tolist()))
+
+
+class Branch(NamedTuple):
+    """The bodies between the base and a body, as a chain of their own.
+
+    Attributes
+    ----------
+    chain : Chain
+        Its ``joint_indices`` count the joints of the branch; ``between`` and ``lengths`` are empty.
+    joints : ndarray of int64, shape (k,)
+        Indices of these joints in the configurations of the arm.
+    """
+
+    chain: Chain
+    joints: Ints
+
+
+class PoseProblem(NamedTuple):
+    """A pose to reach, for kernels.
+
+    Attributes
+    ----------
+    chain : Chain
+        Of the branch.
+    tool : ndarray of float64, shape (4, 4)
+        From the frame to that of the last body.
+    target : ndarray of float64, shape (4, 4)
+    weights : ndarray of float64, shape (2,)
+        Of the distance, 1 / m, and of the angle, 1 / rad; zero if it does not matter.
+    ignored : ndarray of float64, shape (2,)
+        Distance and angle that are no error.
+    enough : ndarray of float64, shape (2,)
+        Distance and angle at which a start is solved.
+    tolerance : ndarray of float64, shape (2,)
+    lower, upper : ndarray of float64, shape (k,)
+        Limits of the joints.
+    """
+
+    chain: Chain
+    tool: Floats
+    target: Floats
+    weights: Floats
+    ignored: Floats
+    enough: Floats
+    tolerance: Floats
+    lower: Floats
+    upper: Floats
+
+
+class PoseScratch(NamedTuple):
+    """Scratch buffers of a search.
+
+    Attributes
+    ----------
+    poses : ndarray of float64, shape (b, 3, 6)
+    tip : ndarray of float64, shape (3, 4)
+        Pose of the frame.
+    errors : ndarray of float64, shape (2, 6)
+        Error of the best configuration and of a trial: three rows of the distance, three of the rotation vector.
+    jacobian : ndarray of float64, shape (6, k)
+    system : ndarray of float64, shape (6, 7)
+        Matrix and right side of a step.
+    trial : ndarray of float64, shape (k,)
+    """
+
+    poses: Floats
+    tip: Floats
+    errors: Floats
+    jacobian: Floats
+    system: Floats
+    trial: Floats
+
+
+class PoseSolutions(NamedTuple):
+    """Configurations of a branch for a pose.
+
+    Attributes
+    ----------
+    joints : ndarray of float64, shape (n, k)
+        Configurations that reach the pose, in the order in which they were found.
+    nearest : ndarray of float64, shape (k,)
+        The configuration with the smallest error.
+    distance, angle : float
+        Its distance and angle from the pose, metres and radians.
+    """
+
+    joints: Floats
+    nearest: Floats
+    distance: float
+    angle: float
+
+
+@kernel
+def measure_pose(problem: PoseProblem, q: Floats, s: PoseScratch, error: Floats) -> tuple[float, float, float]:
+    """Write the weighted error of the frame's pose.
+
+    Returns its distance in metres, its angle in radians, and the squared error.
+    """
+    forward_kinematics(problem.chain, q, q, 0.0, s.poses)
+    body, tip, tool, target = s.poses[len(s.poses) - 1], s.tip, problem.tool, problem.target
+    square = 0.0
+    for i in range(3):
+        for j in range(4):
+            tip[i, j] = body[i, 0] * tool[0, j] + body[i, 1] * tool[1, j] + body[i, 2] * tool[2, j]
+        tip[i, 3] += body[i, 3]
+        error[i] = tip[i, 3] - target[i, 3]
+        square += error[i] ** 2
+    distance = math.sqrt(square)
+    # With R = tip target^T, half of R - R^T holds the axis times the sine of the angle.
+    x = y = z = trace = 0.0
+    for k in range(3):
+        x += 0.5 * (tip[2, k] * target[1, k] - tip[1, k] * target[2, k])
+        y += 0.5 * (tip[0, k] * target[2, k] - tip[2, k] * target[0, k])
+        z += 0.5 * (tip[1, k] * target[0, k] - tip[0, k] * target[1, k])
+        trace += tip[0, k] * target[0, k] + tip[1, k] * target[1, k] + tip[2, k] * target[2, k]
+    sine = math.sqrt(x * x + y * y + z * z)
+    angle = math.atan2(sine, 0.5 * (trace - 1.0))
+    # The error is the way to the nearest pose at the ignored distance and angle.
+    far = problem.weights[0] * max(distance - problem.ignored[0], 0.0)
+    turned = problem.weights[1] * max(angle - problem.ignored[1], 0.0)
+    a, b = far / max(distance, 1e-300), turned / max(sine, 1e-300)
+    for i in range(3):
+        error[i] *= a
+    error[3], error[4], error[5] = b * x, b * y, b * z
+    return distance, angle, far * far + turned * turned
+
+
+@kernel
+def fill_jacobian(problem: PoseProblem, s: PoseScratch) -> None:
+    """Write the derivative of the weighted error, from the poses that :func:`measure_pose` left."""
+    chain, jacobian, weights = problem.chain, s.jacobian, problem.weights
+    for i in range(6):
+        for k in range(jacobian.shape[1]):
+            jacobian[i, k] = 0.0
+    tip = column(s.tip, 3)
+    for b in range(1, len(chain.parents)):
+        k, factor, pose = chain.joint_indices[b], chain.factors[b], s.poses[b]
+        u = rotate(pose_rotation(pose), row_at(chain.axes[b], 0))
+        if chain.kinds[b] == REVOLUTE:
+            moment = cross(u, minus(tip, column(pose, 3)))
+            for i in range(3):
+                jacobian[i, k] += factor * weights[0] * moment[i]
+                jacobian[3 + i, k] += factor * weights[1] * u[i]
+        elif chain.kinds[b] == PRISMATIC:
+            for i in range(3):
+                jacobian[i, k] += factor * weights[0] * u[i]
+
+
+@kernel
+def take_step(problem: PoseProblem, q: Floats, s: PoseScratch, damping: float) -> None:
+    """Write the configuration after a step to ``s.trial``."""
+    jacobian, system, error = s.jacobian, s.system, s.errors[0]
+    for i in range(6):
+        for j in range(i + 1):
+            system[i, j] = 0.0
+        system[i, i], system[i, 6] = damping, error[i]
+    for k in range(len(q)):
+        slope = 0.0
+        for i in range(6):
+            slope += jacobian[i, k] * error[i]
+        stuck = (q[k] <= problem.lower[k] and slope > 0.0) or (q[k] >= problem.upper[k] and slope < 0.0)
+        for i in range(6):
+            if stuck:
+                jacobian[i, k] = 0.0
+            for j in range(i + 1):
+                system[i, j] += jacobian[i, k] * jacobian[j, k]
+    # Cholesky factors of J J^T + damping, which the damping keeps regular, then the two triangular systems.
+    for j in range(6):
+        for k in range(j):
+            system[j, j] -= system[j, k] ** 2
+        system[j, j] = math.sqrt(max(system[j, j], 1e-300))
+        for i in range(j + 1, 6):
+            for k in range(j):
+                system[i, j] -= system[i, k] * system[j, k]
+            system[i, j] /= system[j, j]
+    for i in range(6):
+        for k in range(i):
+            system[i, 6] -= system[i, k] * system[k, 6]
+        system[i, 6] /= system[i, i]
+    for i in range(5, -1, -1):
+        for k in range(i + 1, 6):
+            system[i, 6] -= system[k, i] * system[k, 6]
+        system[i, 6] /= system[i, i]
+    for k in range(len(q)):
+        step = 0.0
+        for i in range(6):
+            step -= jacobian[i, k] * system[i, 6]
+        s.trial[k] = min(max(q[k] + step, problem.lower[k]), problem.upper[k])
+
+
+@kernel
+def descend(problem: PoseProblem, q: Floats, s: PoseScratch) -> tuple[float, float, float]:
+    """Move a configuration to a pose, or to a local minimum of the error.
+
+    Returns distance, angle and squared error.
+    """
+    distance, angle, cost = measure_pose(problem, q, s, s.errors[0])
+    factor, slow = FIRST_DAMPING, 0
+    for _ in range(MAX_STEPS):
+        if distance <= problem.enough[0] and angle <= problem.enough[1]:
+            break
+        fill_jacobian(problem, s)
+        better, new_distance, new_angle, new_cost = False, distance, angle, cost
+        for _ in range(MAX_REJECTED_STEPS):
+            take_step(problem, q, s, factor * cost + 1e-14)
+            new_distance, new_angle, new_cost = measure_pose(problem, s.trial, s, s.errors[1])
+            better = new_cost < cost
+            if better:
+                break
+            factor *= DAMPING_INCREASE
+        if not better:
+            break
+        slow = slow + 1 if new_cost > SLOW_DECREASE * cost else 0
+        distance, angle, cost = new_distance, new_angle, new_cost
+        for k in range(len(q)):
+            q[k] = s.trial[k]
+        for i in range(6):
+            s.errors[0, i] = s.errors[1, i]
+        factor = max(factor * DAMPING_DECREASE, MIN_DAMPING)
+        if slow >= MAX_SLOW_STEPS:
+            break
+    return distance, angle, cost
+
+
+@kernel
+def descend_from(problem: PoseProblem, starts: Floats, s: PoseScratch, errors: Floats, wanted: int) -> int:
+    """Move starts, shape (n, k), to a pose until ``wanted`` of them reach it.
+
+    ``errors``, shape (n, 3), gets their distances, angles and squared errors. Returns the number of starts used.
+    """
+    for n in range(len(starts)):
+        distance, angle, cost = descend(problem, starts[n], s)
+        errors[n, 0], errors[n, 1], errors[n, 2] = distance, angle, cost
+        wanted -= distance <= problem.tolerance[0] and angle <= problem.tolerance[1]
+        if wanted <= 0:
+            return n + 1
+    return len(starts)
+
+
+def branch_to(chain: Chain, body: int) -> Branch:
+    """Return the branch of a chain from the base to a body."""
+    bodies = [body]
+    while bodies[-1] > 0:
+        bodies.append(int(chain.parents[bodies[-1]]))
+    rows = np.array(bodies[::-1])
+    joints, indices = np.unique(chain.joint_indices[rows[1:]], return_inverse=True)
+    part = Chain(
+        parents=np.maximum(np.arange(len(rows)) - 1, 0),
+        frames=chain.frames[rows],
+        axes=chain.axes[rows],
+        kinds=chain.kinds[rows],
+        joint_indices=np.concatenate([[0], indices]),
+        factors=chain.factors[rows],
+        offsets=chain.offsets[rows],
+        between=np.empty((0, 0, 0), dtype=np.bool_),
+        lengths=np.empty((0, 0)),
+    )
+    return Branch(part, joints)
+
+
+def solve_pose(
+    branch: Branch,
+    tool: Floats,
+    goal: PoseGoal,
+    limits: tuple[Floats, Floats],
+    ranges: tuple[Floats, Floats],
+    near: Floats,
+    max_solutions: int,
+    rng: np.random.Generator,
+) -> PoseSolutions:
+    """Find configurations of a branch that bring a frame to a pose, from several starts.
+
+    The first start is ``near``, shape (k,); the others are uniform within ``ranges``.
+    """
+    count, chain, tolerance = len(near), branch.chain, np.array(goal.tolerance)
+    reach = float(np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3]))
+    problem = PoseProblem(
+        chain,
+        as_contiguous(tool),
+        np.array(goal.pose, dtype=np.float64),
+        weights=np.where(np.isfinite(tolerance), (1.0 / max(reach, MIN_REACH), 1.0), 0.0),
+        ignored=np.zeros(2),
+        enough=POLISHED_SHARE * tolerance,
+        tolerance=tolerance,
+        lower=as_contiguous(limits[0]),
+        upper=as_contiguous(limits[1]),
+    )
+    scratch = PoseScratch(
+        np.empty((len(chain.parents), 3, 6)),
+        np.empty((3, 4)),
+        np.empty((2, 6)),
+        np.empty((6, count)),
+        np.empty((6, 7)),
+        np.empty(count),
+    )
+    starts = np.concatenate([near[np.newaxis], rng.uniform(*ranges, (MAX_STARTS - 1, count))])
+    errors, solutions, used = np.empty((MAX_STARTS, 3)), np.empty((0, count)), 0
+    first_starts = min(max(MIN_STARTS, 2 * max_solutions), MAX_STARTS)
+    while len(solutions) < max_solutions and used < (first_starts if len(solutions) else MAX_STARTS):
+        stop, wanted = (first_starts, max_solutions - len(solutions)) if used < first_starts else (MAX_STARTS, 1)
+        rows = slice(used, stop)
+        used += descend_from(problem, starts[rows], scratch, errors[rows], wanted)
+        solutions = _add_distinct(solutions, starts[rows.start : used], errors[rows.start : used], tolerance)
+    best = int(errors[:used, 2].argmin())
+    nearest, (distance, angle, _) = starts[best].copy(), errors[best].tolist()
+    if not len(solutions):
+        # The pose itself is out of reach, but poses within the tolerance may not be.
+        loose = problem._replace(ignored=np.where(np.isfinite(tolerance), 0.5 * tolerance, 0.0), enough=tolerance)
+        used = descend_from(loose, starts, scratch, errors, max_solutions)
+        solutions = _add_distinct(solutions, starts[:used], errors[:used], tolerance)
+    return PoseSolutions(solutions, nearest, distance, angle)
+
+
+def _add_distinct(solutions: Floats, found: Floats, errors: Floats, tolerance: Floats) -> Floats:
+    """Append the configurations within the tolerance that differ from all before."""
+    kept = list(solutions)
+    for q in found[(errors[:, :2] <= tolerance).all(axis=1)]:
+        if not kept or (np.abs(np.array(kept) - q).max(axis=1) > MIN_JOINT_DISTANCE).all():
+            kept.append(q)
+    return np.array(kept).reshape(-1, found.shape[1])
