@@ -1,5 +1,7 @@
 """Small arms written as URDF files, and boxes at poses."""
 
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +112,55 @@ def random_arm(folder: Path, seed: int) -> Path:
         at, rpy = rng.uniform(-0.6, 0.6, 3).round(3), rng.uniform(-2, 2, 3).round(3)
         parts.append(joint(f"j{n}", f"l{n}", f"l{n + 1}", at, axis, str(kinds[n]), limits, rpy, mimic))
     return write_urdf(folder, *parts)
+
+
+def random_chain(folder: Path, seed: int, count: int) -> Path:
+    """Write a chain of random joints, mostly revolute, that ends in tool0, a link without geometry.
+
+    Its links are l0, l1, ... In some chains a joint mimics the one before.
+    """
+    rng = np.random.default_rng(seed)
+    parts, mimics = [link("l0", ((0.1, 0.1, 0.1), (0, 0, 0)))], rng.random() < 0.3
+    for n in range(count):
+        follows = mimics and 0 < n == count - 1
+        kind = "revolute" if follows else str(rng.choice(["revolute", "prismatic", "continuous"], p=(0.7, 0.15, 0.15)))
+        low = rng.uniform(-4.0, -1.0, 2)
+        limits = None if kind == "continuous" else (-0.3, 0.5) if kind == "prismatic" else (low[0], -low[1])
+        axis = np.eye(3)[rng.integers(3)] if rng.random() < 0.7 else rng.normal(size=3)
+        mimic = f'<mimic joint="j{n - 1}" multiplier="-0.5" offset="0.2"/>' if follows else ""
+        at, rpy = rng.uniform(-0.4, 0.4, 3), rng.choice([0.0, np.pi / 2, -np.pi / 2, 0.4], 3)
+        parts.append(link(f"l{n + 1}", ((0.05, 0.05, 0.05), (0, 0, 0))))
+        parts.append(joint(f"j{n}", f"l{n}", f"l{n + 1}", at, axis / np.linalg.norm(axis), kind, limits, rpy, mimic))
+    at, rpy = rng.uniform(-0.2, 0.2, 3), rng.uniform(-3, 3, 3)
+    return write_urdf(folder, *parts, link("tool0"), joint("mount", f"l{count}", "tool0", at, kind="fixed", rpy=rpy))
+
+
+def pose_of(path: Path, frame: str, values: Mapping[str, float]) -> np.ndarray:
+    """Return the pose of a link in the root of a URDF, read and computed without the library."""
+    joints = {each.find("child").get("link"): each for each in ET.parse(path).iter("joint")}  # type: ignore[union-attr]
+    pose = np.eye(4)
+    while frame in joints:
+        each = joints[frame]
+
+        def numbers(tag: str, key: str, default: str = "0 0 0", each: Any = each) -> np.ndarray:
+            found = each.find(tag)
+            return np.array((default if found is None else found.get(key, default)).split(), dtype=float)
+
+        mimic, name = each.find("mimic"), each.get("name")
+        value = values.get(str(name), 0.0)
+        if mimic is not None:
+            leader, factor, offset = (mimic.get(key) for key in ("joint", "multiplier", "offset"))
+            value = float(factor or 1.0) * values[str(leader)] + float(offset or 0.0)
+        motion, origin = np.eye(4), np.eye(4)
+        if each.get("type") == "prismatic":
+            motion[:3, 3] = value * numbers("axis", "xyz")
+        elif each.get("type") != "fixed":
+            motion[:3, :3] = Rotation.from_rotvec(value * numbers("axis", "xyz")).as_matrix()
+        origin[:3, 3] = numbers("origin", "xyz")
+        origin[:3, :3] = Rotation.from_euler("xyz", numbers("origin", "rpy")).as_matrix()
+        pose = origin @ motion @ pose
+        frame = str(each.find("parent").get("link"))  # type: ignore[union-attr]
+    return pose
 
 
 def _text(numbers: Any) -> str:

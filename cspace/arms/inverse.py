@@ -22,12 +22,13 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.chain import PRISMATIC, REVOLUTE, Chain, column, forward_kinematics, pose_rotation
 from cspace.arms.solids import check_rigid
-from cspace.arrays import Floats, Ints, frozen
+from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.check import check_real
 from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.kernels import cross, minus, rotate, row_at
 from cspace.map.batches import as_contiguous
+from cspace.rotations.base import TWO_PI
 
 DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
 """Distance in metres and angle in radians within which a pose counts as reached."""
@@ -66,7 +67,13 @@ SLOW_DECREASE: Final = 0.8
 """Ratio of squared errors above which a step counts as slow."""
 
 MAX_SLOW_STEPS: Final = 6
-"""Slow steps in a row after which a start is given up; it is mostly at a local minimum."""
+"""Slow steps in a row after which a start is given up; it is mostly near a local minimum."""
+
+IGNORED_SHARE: Final = 0.99
+"""Share of the tolerance that is no error to starts that are retried."""
+
+RETRIED_STARTS: Final = 32
+"""Starts with the smallest errors that are followed to the end if none reaches the pose."""
 
 MAX_STEPS: Final = 100
 """Steps after which a start is given up."""
@@ -153,6 +160,7 @@ class PoseProblem(NamedTuple):
     tolerance : ndarray of float64, shape (2,)
     lower, upper : ndarray of float64, shape (k,)
         Limits of the joints.
+    max_slow_steps : int
     """
 
     chain: Chain
@@ -164,6 +172,7 @@ class PoseProblem(NamedTuple):
     tolerance: Floats
     lower: Floats
     upper: Floats
+    max_slow_steps: int = MAX_SLOW_STEPS
 
 
 class PoseScratch(NamedTuple):
@@ -336,7 +345,7 @@ def descend(problem: PoseProblem, q: Floats, s: PoseScratch) -> tuple[float, flo
         for i in range(6):
             s.errors[0, i] = s.errors[1, i]
         factor = max(factor * DAMPING_DECREASE, MIN_DAMPING)
-        if slow >= MAX_SLOW_STEPS:
+        if slow >= problem.max_slow_steps:
             break
     return distance, angle, cost
 
@@ -384,12 +393,14 @@ def solve_pose(
     limits: tuple[Floats, Floats],
     ranges: tuple[Floats, Floats],
     near: Floats,
+    whole_turns: Bools,
     max_solutions: int,
     rng: np.random.Generator,
 ) -> PoseSolutions:
     """Find configurations of a branch that bring a frame to a pose, from several starts.
 
-    The first start is ``near``, shape (k,); the others are uniform within ``ranges``.
+    The first start is ``near``, shape (k,); the others are uniform within ``ranges``. Solutions are moved towards
+    ``near`` by whole turns of the joints in ``whole_turns``.
     """
     count, chain, tolerance = len(near), branch.chain, np.array(goal.tolerance)
     reach = float(np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3]))
@@ -414,26 +425,40 @@ def solve_pose(
     )
     starts = np.concatenate([near[np.newaxis], rng.uniform(*ranges, (MAX_STARTS - 1, count))])
     errors, solutions, used = np.empty((MAX_STARTS, 3)), np.empty((0, count)), 0
+
+    def add_solutions(solutions: Floats, first: int) -> Floats:
+        good = (errors[first:used, :2] <= tolerance).all(axis=1)
+        return _add_distinct(solutions, _turn_towards(near, starts[first:used][good], limits, whole_turns))
+
     first_starts = min(max(MIN_STARTS, 2 * max_solutions), MAX_STARTS)
     while len(solutions) < max_solutions and used < (first_starts if len(solutions) else MAX_STARTS):
         stop, wanted = (first_starts, max_solutions - len(solutions)) if used < first_starts else (MAX_STARTS, 1)
         rows = slice(used, stop)
         used += descend_from(problem, starts[rows], scratch, errors[rows], wanted)
-        solutions = _add_distinct(solutions, starts[rows.start : used], errors[rows.start : used], tolerance)
+        solutions = add_solutions(solutions, rows.start)
     best = int(errors[:used, 2].argmin())
     nearest, (distance, angle, _) = starts[best].copy(), errors[best].tolist()
     if not len(solutions):
-        # The pose itself is out of reach, but poses within the tolerance may not be.
-        loose = problem._replace(ignored=np.where(np.isfinite(tolerance), 0.5 * tolerance, 0.0), enough=tolerance)
-        used = descend_from(loose, starts, scratch, errors, max_solutions)
-        solutions = _add_distinct(solutions, starts[:used], errors[:used], tolerance)
+        # The pose itself may be out of reach and poses within the tolerance not; and some valleys are long.
+        loose = np.where(np.isfinite(tolerance), IGNORED_SHARE * tolerance, 0.0)
+        patient = problem._replace(ignored=loose, enough=tolerance, max_slow_steps=MAX_STEPS)
+        starts = starts[np.argsort(errors[:, 2], kind="stable")[:RETRIED_STARTS]]
+        used = descend_from(patient, starts, scratch, errors, max_solutions)
+        solutions = add_solutions(solutions, 0)
     return PoseSolutions(solutions, nearest, distance, angle)
 
 
-def _add_distinct(solutions: Floats, found: Floats, errors: Floats, tolerance: Floats) -> Floats:
-    """Append the configurations within the tolerance that differ from all before."""
+def _add_distinct(solutions: Floats, found: Floats) -> Floats:
+    """Append the configurations that differ from all before, shape (n, k)."""
     kept = list(solutions)
-    for q in found[(errors[:, :2] <= tolerance).all(axis=1)]:
+    for q in found:
         if not kept or (np.abs(np.array(kept) - q).max(axis=1) > MIN_JOINT_DISTANCE).all():
             kept.append(q)
     return np.array(kept).reshape(-1, found.shape[1])
+
+
+def _turn_towards(near: Floats, others: Floats, limits: tuple[Floats, Floats], whole_turns: Bools) -> Floats:
+    """Move configurations, shape (n, k), towards another one by whole turns within the limits."""
+    fewest, most = np.ceil((limits[0] - others) / TWO_PI), np.floor((limits[1] - others) / TWO_PI)
+    turns = np.clip(np.rint((near - others) / TWO_PI), fewest, most)
+    return np.asarray((others + np.where(whole_turns, TWO_PI * turns, 0.0)).clip(*limits))

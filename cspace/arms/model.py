@@ -21,7 +21,6 @@ from cspace.arms.solids import Solid, check_rigid, make_scene, share_posed_shape
 from cspace.arrays import Bools, Floats, frozen
 from cspace.check import check_count, check_finite
 from cspace.errors import ConfigurationError, InputError
-from cspace.rotations.base import TWO_PI
 from cspace.shapes import ShapeLike, as_shape
 
 if TYPE_CHECKING:
@@ -339,10 +338,11 @@ class Arm:
         count, rng = check_count(max_solutions, "max_solutions", 1), np.random.default_rng(check_count(seed, "seed"))
         if body not in self._branches:
             self._branches[body] = branch_to(self.chain, body)
-        branch = self._branches[body]
-        rows = branch.joints
-        limits, ranges = (self.lower[rows], self.upper[rows]), tuple(each[rows] for each in self._ranges(q))
-        found = solve_pose(branch, tool, goal, limits, ranges, q[rows], count, rng)
+        branch, rows = self._branches[body], self._branches[body].joints
+        limits = self.lower[rows], self.upper[rows]
+        lowest, highest = self._ranges(q)
+        ranges = lowest[rows], highest[rows]
+        found = solve_pose(branch, tool, goal, limits, ranges, q[rows], self._whole_turns[rows], count, rng)
         if not len(found.joints):
             nearest = q.copy()
             nearest[rows] = found.nearest
@@ -355,7 +355,6 @@ class Arm:
             raise ConfigurationError(name, problem, f"it must be within {within}", hint, value=goal.pose, nearest=point)
         solutions = np.tile(q, (len(found.joints), 1))
         solutions[:, rows] = found.joints
-        solutions = self._turn_towards(q, solutions)
         return solutions[np.argsort(np.linalg.norm(solutions - q, axis=1), kind="stable")]
 
     @cached_property
@@ -373,12 +372,6 @@ class Arm:
         differs = moved & ((self.chain.kinds != REVOLUTE) | (self.chain.factors % 1.0 != 0.0))
         repeats[self.chain.joint_indices[differs]] = False
         return repeats
-
-    def _turn_towards(self, q: Floats, others: Floats) -> Floats:
-        """Move configurations, shape (n, dof), towards q by whole turns within the limits."""
-        fewest, most = np.ceil((self.lower - others) / TWO_PI), np.floor((self.upper - others) / TWO_PI)
-        turns = np.clip(np.rint((q - others) / TWO_PI), fewest, most)
-        return self._clamp(others + np.where(self._whole_turns, TWO_PI * turns, 0.0))
 
     @cached_property
     def named_configurations(self) -> dict[str, Floats]:
