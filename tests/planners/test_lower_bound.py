@@ -1,61 +1,24 @@
 """Lower bounds of the length of paths: against exact shortest paths, and against paths that planners find."""
 
-import itertools
 import math
-from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
-import cspace
 import planners
-from cspace import BLOCKED, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace import BLOCKED, MIXED, ConfigurationError, InputError
 from tests.planning import ENDPOINTS, build_from_states, build_room
+from tests.soak import lengths
 from tests.strategies import seeds
 
 
-def shortest_length(obstacles: Any, start: Any, goal: Any) -> float:
-    """Return the length of the shortest path around open polygons, by a visibility graph; infinity if none exists."""
-    parts = shapely.get_parts(obstacles)
-    corners = [tuple(start), tuple(goal)]
-    for part in parts:
-        for ring in (part.exterior, *part.interiors):
-            corners += [tuple(corner) for corner in ring.coords[:-1]]
-    points = np.unique(np.array(corners[2:]).reshape(-1, 2), axis=0)
-    points = np.vstack([start, goal, points])
-    pairs = np.array(list(itertools.combinations(range(len(points)), 2)))
-    inside = shapely.buffer(obstacles, -1e-7, join_style="mitre")
-    first, last = pairs[~shapely.intersects(inside, shapely.linestrings(points[pairs]))].T
-    lengths = np.linalg.norm(points[first] - points[last], axis=1)
-    graph = coo_array((lengths, (first, last)), shape=(len(points),) * 2).tocsr()
-    return float(dijkstra(graph, directed=False, indices=0)[1])
-
-
-@settings(max_examples=60)
-@given(seeds, st.sampled_from(["blocked", "free"]))
-def test_no_path_in_the_plane_is_shorter_than_the_bound(seed: int, outside: str) -> None:
-    rng = np.random.default_rng(seed)
-    cells = rng.random(rng.integers(3, 8, 2)) < rng.uniform(0.1, 0.4)
-    half, parts = rng.uniform(0.05, 0.6, 2), int(rng.integers(4, 10))
-    workspace = Workspace.from_array(np.kron(cells, np.ones((parts, parts), dtype=bool)), 1.0 / parts)
-    space = cspace.build(workspace, Robot.rectangle(*(2.0 * half)), outside=outside)
-    grown = [shapely.box(*(np.array(cell) - half), *(np.array(cell) + 1.0 + half)) for cell in np.argwhere(cells)]
-    if outside == "blocked":  # the robot stays inside
-        frame = shapely.box(-9, -9, 99, 99) - shapely.box(*half, *(np.array(cells.shape) - half))
-        grown.append(frame)
-    obstacles = shapely.union_all(grown)
-    inner = shapely.Polygon(shapely.box(*space.grid.lower, *space.grid.upper)) - obstacles
-    if inner.is_empty:
-        return
-    points = [p for p in rng.uniform(space.grid.lower, space.grid.upper, (20, 2)) if inner.contains(shapely.Point(p))]
-    for start, goal in itertools.pairwise(points[:3]):
-        bound, exact = space.min_path_length(start, goal), shortest_length(obstacles, start, goal)
-        assert np.linalg.norm(goal - start) * (1 - 1e-6) <= bound <= exact * (1 + 1e-7)
+@pytest.mark.parametrize("kind", lengths.WORLDS)
+@settings(max_examples=30)
+@given(seeds)
+def test_no_path_is_shorter_than_the_bound(kind: str, seed: int) -> None:
+    outcomes = lengths.WORLDS[kind](np.random.default_rng(seed))
+    assert lengths.is_between(*np.reshape(outcomes, (-1, 3)).T)
 
 
 def test_the_bound_is_exact_if_no_cell_is_mixed() -> None:

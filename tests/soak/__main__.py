@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.soak import arms, band, curves, files, frequency, maps, use
+from tests.soak import arms, band, curves, files, frequency, lengths, maps, use
 
 EDGES = 10_000
 PAIR_PLACEMENTS = 100_000
@@ -24,6 +24,9 @@ FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "arms": lambda report, seed, checks: arms.check(report, seed, max(1000, checks // 10), few_edges(report, checks)),
     "frequency": lambda report, seed, _: frequency.check(report, seed, PAIR_PLACEMENTS // (50 if report.quick else 1)),
     "band": lambda report, seed, _: band.check(report, seed, 20 if report.quick else 200),
+    "lengths": lambda report, seed, _: lengths.check(
+        report, seed, lengths.QUICK_WORLDS if report.quick else lengths.MAX_WORLDS
+    ),
     "files": lambda report, seed, _: files.check(report, seed, 100 if report.quick else files.MUTANTS),
     "examples": lambda report, seed, _: None if report.quick else check_examples(report, seed),
     "use": lambda report, seed, _: use.check(report, seed, *((5, 0.05) if report.quick else ())),
