@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States, Words
-from cspace.check import check_count, check_finite, check_positive, check_rng
+from cspace.check import check_count, check_finite, check_flag, check_positive, check_rng
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.engines.slices import slice_rasters
@@ -415,7 +415,13 @@ class CSpace(ConfigurationMap, MapExport):
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
     def find_path(
-        self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        *,
+        straight: bool = True,
+        exact: bool = False,
+        time_limit: float | None = None,
     ) -> Floats:
         """Find a path through FREE cells, proven free all along.
 
@@ -428,9 +434,13 @@ class CSpace(ConfigurationMap, MapExport):
         Parameters
         ----------
         q0, q1 : array-like, shape (size,)
-            FREE configurations in the grid.
+            FREE configurations in the grid; with ``exact``, free ones.
         straight : bool
             If False, return the chain of cells without shortening it.
+        exact : bool
+            Whether the path may cross MIXED cells where the geometry itself proves it free. The search decides the
+            centers of MIXED cells near its chain and repeats, until geometry proves all edges of a path, or no chain
+            left promises a shorter path than the one through FREE cells. Not for maps with periodic axes.
         time_limit : float, optional
             Seconds after which the search gives up; compiling does not count. No limit by default.
 
@@ -444,11 +454,18 @@ class CSpace(ConfigurationMap, MapExport):
         Raises
         ------
         ConfigurationError
-            If a configuration is not FREE, or not in the grid.
+            If a configuration is not FREE, or not in the grid; with ``exact``, if the geometry does not prove it free.
         InputError
-            If a coordinate is not finite, or the time limit is not above zero.
+            If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for a map with periodic
+            axes or without geometry.
         """
-        return self._in_time(self._free_path, q0, q1, straight, time_limit)
+        check_flag(exact, "exact")
+        if not exact:
+            return self._in_time(self._free_path, q0, q1, straight, time_limit)
+        if any(self.periodic_axes):
+            problem, rule = "is True", "it is not supported on maps with periodic axes"
+            raise InputError("exact", problem, rule, "leave exact out", value=exact)
+        return self._in_time(self._exact_path, q0, q1, straight, time_limit)
 
     def _in_time(
         self,
@@ -488,6 +505,31 @@ class CSpace(ConfigurationMap, MapExport):
             paths.append(self._path_along_chain(endpoints, straight, until - clock()))
         found = [path for path in paths if len(path)]
         return min(found, key=partial(path_length, rotations=self.rotations), default=endpoints[:0])
+
+    def _exact_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
+        """Find a path as :meth:`find_path` with ``exact``; if time runs out, return the one through FREE cells."""
+        from cspace.map.paths import in_time, path_length, pulled_straight
+        from cspace.map.undecided import BYTES_PER_CELL, Undecided
+
+        first, last = (self._one_free(q, name, exact=True) for q, name in ((q0, "q0"), (q1, "q1")))
+        check, until, rotations = self.edge_checker(exact=True), clock() + seconds, self.rotations
+        ends, best = np.stack([first, last]), np.empty((0, self.size))
+        if straight and check(*first, *last):
+            return ends
+        if self.is_free(first) and self.is_free(last):
+            best = self._free_path(first, last, straight, seconds)
+        check_bytes(BYTES_PER_CELL * self.grid.size * len(rotations))
+        # One array for each rotation cell, because geometry decides each on its own.
+        states = self.cell_states.reshape(-1, *self.grid.shape)
+        search = Undecided(
+            self.grid, rotations, states, self._turn_costs, lambda q: np.asarray(self.is_free(q, exact=True)), check
+        )
+        max_length = path_length(best, rotations) if len(best) else math.inf
+        paths = [best, search.find(ends, self._cells_of(ends), max_length, until)]
+        if straight:
+            paths = [pulled_straight(path, rotations, in_time(check, until)) for path in paths if len(path)]
+        found = [path for path in paths if len(path)]
+        return min(found, key=partial(path_length, rotations=rotations), default=best)
 
     def _path_along_chain(self, endpoints: Floats, straight: bool, seconds: float) -> Floats:
         """Return a path along a short chain of cells; shorten it if ``straight``."""
@@ -1153,10 +1195,10 @@ class CSpace(ConfigurationMap, MapExport):
             raise ConfigurationError(name, f"is {q!r}", rule, "ask grid.lower and grid.upper", value=q)
         return point
 
-    def _one_free(self, q: ArrayLike, name: str) -> Floats:
-        """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""
+    def _one_free(self, q: ArrayLike, name: str, exact: bool = False) -> Floats:
+        """Return one FREE configuration in the grid, its yaw in [-pi, pi); with ``exact``, a free one."""
         point = self.rotations._make_canonical(self._check_configurations(q, name), name)
-        if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point):
-            rule = "it must be one FREE configuration in the grid"
+        if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point, exact=exact):
+            rule = f"it must be one {'free' if exact else 'FREE'} configuration in the grid"
             raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)
         return point

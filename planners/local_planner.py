@@ -25,11 +25,9 @@ from ompl import base as ob
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
-from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.map.paths import in_time, pulled_straight
 from cspace.map.periodic import with_wrapped_angles
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
@@ -368,12 +366,10 @@ class EdgesOnMap(LocalPlanner):
         iterations: int | None = None,
     ) -> Floats:
         """Find a path by the map's own search "Grid" or "MaxClearance", shape (n, size)."""
-        find = {GRID: self.space.find_path, MAX_CLEARANCE: self.space.find_widest_path}
-        until = clock() + seconds
-        path = find[planner](*endpoints, straight=straight, time_limit=seconds)
-        if self.exact and straight and len(path):  # shorter edges may touch MIXED cells
-            path = pulled_straight(path, self.space.rotations, in_time(self.edge_checker(), until))
-        return path
+        if planner == MAX_CLEARANCE:
+            return self.space.find_widest_path(*endpoints, straight=straight, time_limit=seconds)
+        options = {"exact": True} if self.exact else {}  # only maps in memory have geometry
+        return self.space.find_path(*endpoints, straight=straight, time_limit=seconds, **options)
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return the metres and the radians that the robot moves along a path."""
