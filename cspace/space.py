@@ -440,7 +440,8 @@ class CSpace(ConfigurationMap, MapExport):
         exact : bool
             Whether the path may cross MIXED cells where the geometry itself proves it free. The search decides the
             centers of MIXED cells near its chain and repeats, until geometry proves all edges of a path, or no chain
-            left promises a shorter path than the one through FREE cells. Not for maps with periodic axes.
+            left promises a shorter path than the one through FREE cells. On a map with periodic axes, geometry only
+            shortens the path through FREE cells.
         time_limit : float, optional
             Seconds after which the search gives up; compiling does not count. No limit by default.
 
@@ -456,16 +457,12 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If a configuration is not FREE, or not in the grid; with ``exact``, if the geometry does not prove it free.
         InputError
-            If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for a map with periodic
-            axes or without geometry.
+            If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for a map without
+            geometry.
         """
         check_flag(exact, "exact")
-        if not exact:
-            return self._in_time(self._free_path, q0, q1, straight, time_limit)
-        if any(self.periodic_axes):
-            problem, rule = "is True", "it is not supported on maps with periodic axes"
-            raise InputError("exact", problem, rule, "leave exact out", value=exact)
-        return self._in_time(self._exact_path, q0, q1, straight, time_limit)
+        search = self._exact_path if exact else self._free_path
+        return self._in_time(search, q0, q1, straight, time_limit)
 
     def _in_time(
         self,
@@ -507,29 +504,44 @@ class CSpace(ConfigurationMap, MapExport):
         return min(found, key=partial(path_length, rotations=self.rotations), default=endpoints[:0])
 
     def _exact_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """Find a path as :meth:`find_path` with ``exact``; if time runs out, return the one through FREE cells."""
+        """Find a path as :meth:`find_path` with ``exact``; raise TimeoutError if time runs out before any is found."""
         from cspace.map.paths import in_time, path_length, pulled_straight
+
+        endpoints = np.stack([self._one_free(q, name, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
+        until, rotations, check = clock() + seconds, self.rotations, self.edge_checker(exact=True)
+        if straight and check(*endpoints[0], *endpoints[1]):
+            return endpoints
+        through_free = endpoints[:0]
+        if np.all(self.is_free(endpoints)):
+            through_free = self._free_path(endpoints[0], endpoints[1], straight, seconds)
+        paths = [through_free]
+        if not any(self.periodic_axes):
+            max_length = path_length(through_free, rotations) if len(through_free) else math.inf
+            paths.append(self._path_through_mixed(endpoints, check, max_length, until))
+        if straight:
+            checked = in_time(below_half_a_turn(check, self.periodic_axes), until)
+            paths = [pulled_straight(path, rotations, checked) if len(path) else path for path in paths]
+        found = [path for path in paths if len(path)]
+        return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
+
+    def _path_through_mixed(
+        self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
+    ) -> Floats:
+        """Return the path of :class:`cspace.map.undecided.Undecided`, whose edges pass ``check``."""
         from cspace.map.undecided import BYTES_PER_CELL, Undecided
 
-        first, last = (self._one_free(q, name, exact=True) for q, name in ((q0, "q0"), (q1, "q1")))
-        check, until, rotations = self.edge_checker(exact=True), clock() + seconds, self.rotations
-        ends, best = np.stack([first, last]), np.empty((0, self.size))
-        if straight and check(*first, *last):
-            return ends
-        if self.is_free(first) and self.is_free(last):
-            best = self._free_path(first, last, straight, seconds)
-        check_bytes(BYTES_PER_CELL * self.grid.size * len(rotations))
+        check_bytes(BYTES_PER_CELL * self.grid.size * len(self.rotations))
         # One array for each rotation cell, because geometry decides each on its own.
         states = self.cell_states.reshape(-1, *self.grid.shape)
         search = Undecided(
-            self.grid, rotations, states, self._turn_costs, lambda q: np.asarray(self.is_free(q, exact=True)), check
+            self.grid,
+            self.rotations,
+            states,
+            self._turn_costs,
+            lambda q: np.asarray(self.is_free(q, exact=True)),
+            check,
         )
-        max_length = path_length(best, rotations) if len(best) else math.inf
-        paths = [best, search.find(ends, self._cells_of(ends), max_length, until)]
-        if straight:
-            paths = [pulled_straight(path, rotations, in_time(check, until)) for path in paths if len(path)]
-        found = [path for path in paths if len(path)]
-        return min(found, key=partial(path_length, rotations=rotations), default=best)
+        return search.find(endpoints, self._cells_of(endpoints), max_length, until)
 
     def _path_along_chain(self, endpoints: Floats, straight: bool, seconds: float) -> Floats:
         """Return a path along a short chain of cells; shorten it if ``straight``."""

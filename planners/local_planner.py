@@ -525,7 +525,7 @@ class EdgesOnMap(LocalPlanner):
 
     def hints_without_chain(self, planner: str) -> list[str]:
         """List what to try if no chain of FREE cells joins start and goal."""
-        exact = "exact=True" if planner not in BUILT_IN_SEARCHES else "planner='RRTConnect' with exact=True"
+        exact = "planner='RRTConnect' with exact=True" if planner in (MAX_CLEARANCE, LATTICE) else "exact=True"
         part = "" if isinstance(self.space, CSpace) else " on space.window(lower, upper)"
         wider = ["a workspace with wider bounds"] * (self.space.outside == "free")
         return [*([] if self.drive in CURVES else [exact + part]), self._finer_map, *wider]

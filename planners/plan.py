@@ -157,9 +157,9 @@ def plan(
     "overlap" are for maps.
 
     *Default.* Unless a planner, another objective or ``iterations`` is given, built-in searches go first if FREE cells
-    join start and goal. "Grid" plans for holonomic robots: in the plane no path through FREE cells is shorter, in other
-    spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes over if "Grid"
-    needs half the time limit, or "Lattice" has no path.
+    join start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane no path through FREE cells is
+    shorter, in other spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes
+    over if "Grid" has no path after half the time limit, or "Lattice" has none.
 
     *Planners that improve.* BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar go on improving their path until
     the time limit.
@@ -213,9 +213,10 @@ def plan(
         beat the cheapest of a few paths that RRTConnect finds in a tenth of the time. BKPIECE1, KPIECE1, LBKPIECE1, RRT
         and RRTConnect stop at the first path, and PRM and PRMstar cannot call Python from their second thread.
     exact : bool
-        Whether the geometry itself decides MIXED cells, which finds passages hardly wider than the robot; slower. If
-        the map is undecided and the robot holonomic, samples cross the MIXED cells of a chain of cells, and the planner
-        joins its FREE stretches; this can take seconds. Not for curves.
+        Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages hardly wider than the
+        robot; slower. "Grid" tests the centers of MIXED cells on its way. If it finds no path, the map is undecided and
+        the robot holonomic, samples cross the MIXED cells of a chain of cells, and the planner joins its FREE
+        stretches; this can take seconds. Not for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion of the robot along an edge, which is proven along that motion. All but the first are for maps of
         (x, y, yaw), with the reference point in the middle of the axle that does not steer.
@@ -266,7 +267,7 @@ def plan(
     )
     exists = task.edges.prove_existence(task.endpoints)
     subproblems = space._tile_subproblems(*task.endpoints) if task.edges.may_join(exists) else []
-    if exists or len(subproblems) > 1:
+    if exists or len(subproblems) > 1 or task.edges.exact:
         task = _prefer_built_in(task)
     result = _search_tile_by_tile(task, subproblems, exists)
     searched = time.perf_counter()
@@ -349,7 +350,7 @@ def _check_built_in_search(task: _Task) -> None:
         raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
     options = {
         "objective": task.objective,
-        "exact": edges.exact and edges.follows_cells,  # without cells, the geometry decides anyway
+        "exact": edges.exact and edges.follows_cells and name != GRID,  # without cells, the geometry decides anyway
         "drive": edges.drive,
         "iterations": None if name == BIRRT else task.search.iterations,
     }
@@ -359,7 +360,7 @@ def _check_built_in_search(task: _Task) -> None:
     for option, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
             problem = f"is {value!r} and planner is {name!r}"
-            what = "FREE cells" if name == LATTICE else "holonomic straight edges"
+            what = "holonomic straight edges" if name == GRID else "FREE cells"
             rule = f"{name} supports only {what} and objective='length'"
             raise InputError(option, problem, rule, f"leave {option} out, or use planner='RRTConnect'", value=value)
     if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
@@ -464,7 +465,7 @@ def _plan_subproblem(
     if len(result.path) or search.fallback is None or left <= 0.0:
         return result
     by_ompl = replace(search, planner=search.fallback, fallback=None)
-    other = by_ompl.run(edges, *endpoints, left, joined=exists is True)
+    other = _plan_subproblem(by_ompl, edges, endpoints, exists, left)
     note = f"by {search.fallback}, as {search.planner} found none" if len(other.path) else other.note
     return replace(other, note=note, planning=result.planning + other.planning, lattice=result.lattice)
 

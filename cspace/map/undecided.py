@@ -62,11 +62,12 @@ class Undecided:
         passable = np.where(mixed, FREE, self.states)
         mixed[tuple(cells.T)] = False  # start and goal are free wherever the centers of their cells are
         undecided = mixed.copy()
-        each = np.arange(len(self.rotations)), self.rotations._neighbors, self.turn_costs
-        graph, guides = Graph.of(passable, *each, (False,) * dim), Guides(passable, *each).all()
+        rotations, neighbors = np.arange(len(self.rotations)), self.rotations._neighbors
+        graph = Graph.of(passable, rotations, neighbors, self.turn_costs, (False,) * dim)
+        guides = Guides(passable, rotations, neighbors, self.turn_costs).all()
         while clock() < until:
             try:
-                chain = graph.chain(*cells, until, greed=SHORT_WEIGHT, guides=guides)
+                chain = graph.chain(cells[0], cells[1], until, greed=SHORT_WEIGHT, guides=guides)
             except TimeoutError:
                 return none
             path = self._path_along(chain, endpoints) if len(chain) else none
@@ -112,4 +113,5 @@ def _cells_near(chain: Ints, which: Bools) -> Ints:
     near = np.repeat(chain, len(around), axis=0)
     near[:, 1:] += np.tile(around, (len(chain), 1))
     near = np.unique(near[((near >= 0) & (near < which.shape)).all(axis=1)], axis=0)
-    return near[which[tuple(near.T)]]
+    found: Ints = near[which[tuple(near.T)]]
+    return found

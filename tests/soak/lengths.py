@@ -18,7 +18,7 @@ from cspace.arrays import Bools, Floats
 from tests.soak.tally import Rng
 
 SLACK = 1e-7
-"""Relative error of lengths and of distances from contact in the oracle."""
+"""Error of lengths, relative and in metres, and of distances from contact in the oracle."""
 
 HEIGHT = 0.4
 """Height of the box among columns, in metres; the columns are 2 m high."""
@@ -47,7 +47,7 @@ def check(report: Report, seed: int, worlds: int) -> None:
 
 def is_between(straight: Floats, bound: Floats, length: Floats) -> bool:
     """Return whether all bounds are at least the distance and at most the length."""
-    return bool(np.all((straight * (1.0 - SLACK) <= bound) & (bound <= length * (1.0 + SLACK))))
+    return bool(np.all((straight * (1.0 - SLACK) - SLACK <= bound) & (bound <= length * (1.0 + SLACK))))
 
 
 def draw_plane(rng: Rng) -> list[Outcome]:
