@@ -31,7 +31,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.map.periodic import with_wrapped_angles
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
-from planners.catalogue import BIRRT, BUILT_IN_SEARCHES, GRID, LATTICE, MAX_CLEARANCE, planner_named
+from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, planner_named
 from planners.states import Configuration, check_space, kind_of
 
 if TYPE_CHECKING:

@@ -375,7 +375,11 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     ("plane", {"seed": True}, "seed is True"),
     ("plane", {"seed": "one"}, "seed is 'one'"),
     ("plane", {"planner": "RRTConect"}, r"did you mean RRTConnect.*KPIECE1"),
-    ("plane", {"planner": "MaxClearance", "exact": True}, "exact is True and planner is 'MaxClearance'.*leave exact out"),
+    (
+        "plane",
+        {"planner": "MaxClearance", "exact": True},
+        "exact is True and planner is 'MaxClearance'.*leave exact out",
+    ),
     ("plane", {"planner": "Grid", "iterations": 3}, "iterations is 3 and planner is 'Grid'"),
     (
         "yawing",

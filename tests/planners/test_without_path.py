@@ -83,7 +83,9 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
 
 def test_the_hint_fits_the_map_and_the_planner(tmp_path: Path) -> None:
     space, start, goal = build_halves("plane", MIXED)
-    assert planners.plan(space, start, goal, planner="Grid").hint.startswith("planner='RRTConnect' with exact=True")
+    assert planners.plan(space, start, goal, planner="MaxClearance").hint.startswith(
+        "planner='RRTConnect' with exact=True"
+    )
     walls = fill_boxes((60, 40), np.s_[30:32])  # a path leads around the map
     options = {"store": tmp_path / "m", "tile": 15, "outside": "free"}
     tiled = build(Workspace.from_array(walls, 0.1), Robot.disc(0.2), **options)
