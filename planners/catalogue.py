@@ -1,4 +1,4 @@
-"""OMPL's geometric planners and the built-in searches, by name, with the limits of each."""
+"""Names of the planners: OMPL's geometric planners and the built-in searches, with their limits."""
 
 from __future__ import annotations
 
@@ -25,52 +25,53 @@ BIRRT: Final = "BiRRT"
 """Name by which :func:`planners.plan` runs :meth:`cspace.ArmSpace.find_path`."""
 
 BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
-"""Searches of maps and arms themselves, without OMPL."""
+"""Names of the searches that run without OMPL."""
 
 PLANNERS_WITHOUT_OBJECTIVE: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
-"""Planners that stop at the first path, whatever the objective."""
+"""Planners that stop at the first path and minimise nothing."""
 
 THREADED_PLANNERS: Final = frozenset({"PRM", "PRMstar"})
 """Planners that look for a solution from a second thread.
 
-That thread needs Python to call a Python objective or stopping rule, while the first thread holds Python and waits for
-it: a deadlock, so such pairs are refused. Nor may a callback raise in them, because that ends the process.
+The second thread needs Python's lock to call a Python objective or stopping rule, while the first thread holds the lock
+and waits for it: a deadlock. So these planners are refused with such callbacks. A callback must not raise in them
+either, because an exception ends the process.
 """
 
 _BIDIRECTIONAL_PLANNERS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
 """Planners that also follow edges from end to start."""
 
 UNSAFE_PLANNERS: Final = {"AORRTC": "of OMPL 2.0.1 ends the process if a path is longer than some 90 m"}
-"""Planners that are not offered, and why.
+"""Planners that are not offered, with the reason.
 
-AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is farther off, AORRTC reads
+AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is farther away, AORRTC reads
 beyond the end of its list.
 """
 
 PLANNERS_REFUSED_BY_DRIVE: Final = {
     "dubins": dict.fromkeys(_BIDIRECTIONAL_PLANNERS, "also follows edges from end to start, which no such car drives")
 }
-"""Planners that cannot plan with a drive, and why, by drive."""
+"""For each drive, the planners that cannot plan with it, with the reason."""
 
 BIDIRECTIONAL_BY_DRIVE: Final = {"differential": frozenset(_BIDIRECTIONAL_PLANNERS)}
-"""Planners whose edges must be free from end to start too, by drive.
+"""For each drive, the planners that need edges to be free from end to start too.
 
-The way back of a robot that turns on the spot only needs it to turn around. A car's way back is a loop, which is hardly
-ever free, so :data:`PLANNERS_REFUSED_BY_DRIVE` has cars.
+A robot that turns on the spot only has to turn around for the way back. The way back of a car is a loop, which is
+hardly ever free, so :data:`PLANNERS_REFUSED_BY_DRIVE` has cars.
 """
 
 FMT_SAMPLES_ALONG_CURVES: Final = 300
-"""Samples with which FMT and BFMT begin along curves.
+"""Initial number of samples of FMT and BFMT if edges are curves.
 
-Within 8 s, OMPL's 1000 samples gave as many paths of the same length, but took four times as long. Within 2 s, they
-gave a quarter as many paths along Dubins curves.
+OMPL's default is 1000. Within 8 s, both numbers gave as many paths of the same length, but 1000 samples took four times
+as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins curves.
 """
 
 
 def planner_names() -> tuple[str, ...]:
-    """List the geometric planners that the installed OMPL binds, in alphabetical order.
+    """List the geometric planners of the installed OMPL.
 
-    AORRTC is left out: in OMPL 2.0.1 it ends the process on paths longer than some 90 m.
+    The order is alphabetical. AORRTC is left out, because OMPL 2.0.1 ends the process on paths longer than about 90 m.
 
     Returns
     -------
@@ -86,11 +87,12 @@ def planner_names() -> tuple[str, ...]:
 
 
 def planner_named(name: str | None, drive: str = "holonomic") -> str:
-    """Return a planner's name as OMPL spells it, from a name in any case.
+    """Return a planner's name as OMPL spells it.
 
-    None gives the planner that is mostly the quickest for the drive.
+    ``name`` may have any case; None gives the planner that is mostly the fastest for the drive.
 
-    Raises InputError if the name is unknown (the message lists all names), or the planner cannot plan with the drive.
+    Raises InputError if the name is unknown (the message lists all names), or if the planner cannot plan with the
+    drive.
     """
     if name is None:
         # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves that arrive.
@@ -113,21 +115,30 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """Make a planner of OMPL, set to take short steps, so that it stops in time."""
+    """Create an OMPL planner by name.
+
+    :data:`PLANNER_SETTINGS` limits the work of its steps, so that it stops at the time limit.
+    """
     planner = getattr(og, name)(si)
     PLANNER_SETTINGS.get(name, lambda made: None)(planner)
     return planner
 
 
 def _disable_pruning(planner: Any) -> None:
-    # To prune, BIT* takes samples out of its search tree one by one, and rebuilds the tree at every 500th: minutes in
-    # one step if distances are those of curves.
+    """Switch off the pruning of BIT*.
+
+    BIT* prunes samples one by one and rebuilds its search tree at every 500th sample. Along curves, one such step takes
+    minutes, so the planner would exceed its time limit.
+    """
     planner.setPruning(False)
 
 
 def _reduce_samples_along_curves(planner: Any) -> None:
-    # A step of FMT measures from each of its neighbours to all samples, which takes tenths of a second along curves.
-    # FMT draws more samples if these do not suffice.
+    """Let FMT begin with fewer samples if edges are curves.
+
+    A step of FMT measures from each neighbor to all samples, which takes tenths of a second along curves. FMT draws
+    more samples if these do not suffice.
+    """
     if isinstance(planner.getSpaceInformation().getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace)):
         planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
 
@@ -137,12 +148,13 @@ PLANNER_SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {
     "BFMT": _reduce_samples_along_curves,
     "FMT": _reduce_samples_along_curves,
 }
-"""Functions that set up a newly made planner, by its name."""
+"""For each planner that needs it, the function that sets up a new instance."""
 
 
 @cache
 def _planners() -> list[str]:
-    # The bindings give a class without objects no constructor of its own.
+    """List the names of OMPL's geometric planners that can be created."""
+    # The bindings give an abstract class no constructor of its own.
     return [
         name
         for name, kind in vars(og).items()

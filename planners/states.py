@@ -16,7 +16,7 @@ from cspace.errors import InputError
 from cspace.rotations.base import METRES_PER_RADIAN, shorter
 
 Configuration = tuple[float, ...]
-T = TypeVar("T")
+Value = TypeVar("Value")
 
 WRAP_TOLERANCE: Final = 1e-12
 """Rounding error, in radians, allowed between angles that are equal modulo 2 pi."""
@@ -47,8 +47,8 @@ class StateKind:
     set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]
     read: Callable[[ob.State], Configuration]
     write: Callable[..., None]
-    of_state: Callable[[Callable[..., T]], Callable[[ob.State], T]]
-    of_states: Callable[[Callable[..., T]], Callable[[ob.State, ob.State], T]]
+    of_state: Callable[[Callable[..., Value]], Callable[[ob.State], Value]]
+    of_states: Callable[[Callable[..., Value]], Callable[[ob.State, ob.State], Value]]
     periodic_axes: tuple[bool, ...] = ()
 
     def unwind(self, path: Floats) -> Floats:

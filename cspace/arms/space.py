@@ -38,27 +38,27 @@ from cspace.threads import in_chunks
 from cspace.workspace import Workspace
 
 MIN_MOTIONS_PER_THREAD: Final = 20
-"""Motions below which a second thread costs more than it saves."""
+"""Motions per thread below which a further thread costs more time than it saves."""
 
 
 MAX_DOUBLED_JOINTS: Final = 8
-"""Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others take the shorter way."""
+"""Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go the shorter way."""
 
 
 _MAX_FAILED_SAMPLES: Final = 100_000
-"""Samples without a free one after which sampling fails."""
+"""Samples after which sampling fails if none is free."""
 
 
 _DISTANCE_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
-"""Shares of (smallest distance at points of a path - margin) tried for the whole path; 0 is the margin itself."""
+"""Fractions of (smallest distance at points of a path - margin) tried for the whole path; 0 tries the margin itself."""
 
 
 _HALF_TURN_ROUNDING: Final = 1e-9
-"""Rounding by which a joint may exceed half a turn, radians."""
+"""Rounding error, radians, by which a joint may exceed half a turn."""
 
 
 class Contact(NamedTuple):
-    """The pair nearest to touching at a configuration.
+    """The two solids that are nearest to touching.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Contact(NamedTuple):
     distance : float
         Lower bound of the distance between them, metres; zero if the configuration is not proven free.
     points : ndarray of float64, shape (2, 3)
-        The nearest points of the two, in the frame of the base, within rounding.
+        Nearest points of link and other, in the frame of the base, metres, within rounding.
     """
 
     link: str
@@ -77,29 +77,32 @@ class Contact(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Links of one body, or obstacles, that may touch the same others."""
+    """Links or obstacles that have the same allowed collisions.
+
+    Links of a group belong to one rigid body.
+    """
 
     members: list[Solid]
     is_obstacle: bool
 
     @property
     def solid(self) -> Solid:
-        """All members as one solid."""
+        """Union of the members, named after all of them."""
         parts = tuple(part for member in self.members for part in member.parts)
         return Solid(", ".join(member.name for member in self.members), self.members[0].body, parts)
 
 
 class ArmSpace(ConfigurationSpace, ArmPlot):
-    """The configurations of an arm among obstacles; :func:`build_arm_space` makes one.
+    """Configurations of an arm among obstacles.
 
-    A configuration is FREE if no link touches an obstacle, or another link that it may not touch, according to the
-    given collision geometry. All sets are closed, so that touching is a collision. A configuration is BLOCKED if a
-    point of one is found in the other, and MIXED if neither is proven. A motion moves all joints along the straight
-    line between two configurations, and is proven as a whole.
+    :func:`build_arm_space` makes one. A configuration is FREE if no link touches an obstacle, or another link that it
+    may not touch, according to the given collision geometry. Touching is a collision. A configuration is BLOCKED if a
+    link and such an obstacle or link have a proven common point, and MIXED if neither is proven. A motion moves all
+    joints along the straight line between two configurations, and is proven as a whole.
 
     Configurations up to 1e-5 rad (m) beyond a limit are accepted, because files round limits and configurations
-    differently. Answers hold for the configuration as given. Paths stay within the limits: :meth:`find_path` and
-    :func:`planners.plan` move a start or goal onto a limit that it exceeds.
+    differently. States and proofs hold for the configuration as given. Paths stay within the limits: :meth:`find_path`
+    and :func:`planners.plan` move a start or goal onto a limit that it exceeds.
 
     Attributes
     ----------
@@ -136,7 +139,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         self._refuse_always()
 
     def _refuse_fixed(self, pair: Ints) -> None:
-        """Raise ConfigurationError if an obstacle touches a link that no joint moves."""
+        """Raise ConfigurationError if a fixed link touches an obstacle.
+
+        No joint moves either solid of `pair`, two indices of groups, shape (1, 2).
+        """
         scene, q = self._outer_scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
         if not are_free(scene, q, q)[0]:
             link, obstacle, *_ = self._contact(scene, q)
@@ -150,12 +156,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def _refuse_always(self) -> None:
         """Raise ConfigurationError if a pair always touches.
 
-        Tests pairs that at most two joints move.
+        It tests pairs that at most two joints move, in :data:`CONTACT_SAMPLES` random configurations.
         """
         chain, bodies = self.arm.chain, self._outer_scene.solids.bodies
         between = chain.between[tuple(bodies[self._outer_scene.pairs].T)] & (chain.kinds != FIXED)
-        few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
-        for link, other in self._always_touch(self._outer_scene.pairs[few]):
+        moved_by_few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
+        for link, other in self._always_touch(self._outer_scene.pairs[moved_by_few]):
             raise ConfigurationError(
                 link,
                 f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random configurations",
@@ -164,7 +170,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
-        """Yield the names of pairs that touch in all random configurations."""
+        """Yield the pairs that touch in all random configurations.
+
+        `pairs` has shape (n, 2): indices of groups.
+        """
         scene, points = (
             self._outer_scene._replace(pairs=pairs),
             draw_configurations(self.arm._ranges(), CONTACT_SAMPLES),
@@ -190,23 +199,23 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def periodic_axes(self) -> tuple[bool, ...]:
         """Whether each joint is continuous.
 
-        A whole turn of it leads to the same configuration. A joint that moves another joint by a fraction of its own
-        angle is not periodic.
+        A whole turn of a continuous joint leads to the same configuration. A joint that moves another joint by a
+        fraction of its own angle is not periodic.
         """
         return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """Return a fast ``is_free`` of floats, ``check(*q)``; see :meth:`cspace.CSpace.point_checker`.
+        """Return a fast ``is_free`` that takes floats.
 
-        Beyond the limits it returns False.
+        Call it as ``check(*q)``; see :meth:`cspace.CSpace.point_checker`. Beyond the limits it returns False.
         """
         check = self.edge_checker()
         return lambda *q: check(*q, *q)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """Return a fast ``motion_is_free`` of floats, ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`.
+        """Return a fast ``motion_is_free`` that takes floats.
 
-        Beyond the limits it returns False.
+        Call it as ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`. Beyond the limits it returns False.
         """
         scene, size, local = self._outer_scene, self.size, threading.local()
         lower, upper = ((self.arm.lower - LIMIT_SLACK).tolist() * 2, (self.arm.upper + LIMIT_SLACK).tolist() * 2)
@@ -225,9 +234,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return check
 
     def obstacle_distance(self, q: ArrayLike) -> float | Floats:
-        """Bound the distance to obstacles and between links from below.
+        """Compute a lower bound of the distance from collision.
 
-        The bound is in metres. The distance is that of the geometry itself, without margin. It is zero if a
+        The bound is in metres, between links and obstacles and between links, without the margin. It is zero if a
         configuration is not proven free, and infinite if there is nothing to touch.
 
         Parameters
@@ -248,10 +257,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
-        """Bound :meth:`obstacle_distance` along a whole path from below, metres.
+        """Compute a lower bound of the distance along a path.
 
-        The result is 0 if the path is not proven free. The bound is the largest proven share of the smallest distance
-        at waypoints and halfway between them.
+        It bounds :meth:`obstacle_distance`, in metres, along all motions of the path. It is 0 if the path is not proven
+        free. Fractions of the smallest distance at waypoints and halfway between them are tried, largest first.
 
         Parameters
         ----------
@@ -264,19 +273,21 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         path = self._check_configurations(path, "path").reshape(-1, self.size)
         self._check_spans(path[:-1], path[1:])
-        middles = 0.5 * (path[:-1] + path[1:])
-        most = float(np.min(self.obstacle_distance(np.concatenate([path, middles]))))
-        if len(path) < 2 or math.isinf(most) or most == 0.0:
-            return most
+        midpoints = 0.5 * (path[:-1] + path[1:])
+        limit = float(np.min(self.obstacle_distance(np.concatenate([path, midpoints]))))
+        if len(path) < 2 or math.isinf(limit) or limit == 0.0:
+            return limit
         for share in _DISTANCE_SHARES:
-            extra = share * (most - self.margin)
+            extra = share * (limit - self.margin)
             wider = self._outer_scene._replace(required=self._outer_scene.required + extra)
             if are_free(wider, as_contiguous(path[:-1]), as_contiguous(path[1:])).all():
                 return self.margin + extra
         return 0.0
 
     def closest(self, q: ArrayLike) -> Contact:
-        """Return the pair nearest to touching at a configuration, shape (dof,).
+        """Return the link and obstacle nearest to touching.
+
+        Instead of an obstacle, it may be another link. ``q`` has shape (dof,).
 
         Raises
         ------
@@ -291,27 +302,29 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return self._contact(self._outer_scene, point[np.newaxis])
 
     def _contact(self, scene: Scene, points: Floats) -> Contact:
-        """Return the pair of a scene nearest to touching.
+        """Return the pair nearest to touching.
 
-        The configuration has shape (1, dof).
+        ``points`` is one configuration, shape (1, dof).
         """
-        out, nearest = self._distances(scene, points)
+        distances, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
-        owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
+        # Each part of a solid is a tree of hulls; the part that has a node is the last one whose root is not above it.
+        part_names = [each.name for group in self._groups for each in group.members for _ in each.parts]
         names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
-        for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
-            at = max(node, int(solids.roots[number]))
-            names.append(owners[int(np.where(solids.part_roots <= at, solids.part_roots, -1).argmax())])
-            corners, radius = node_corners(solids.hulls, at)
+        for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
+            node = max(nearest_node, int(solids.roots[number]))
+            names.append(part_names[int(np.where(solids.part_roots <= node, solids.part_roots, -1).argmax())])
+            corners, radius = node_corners(solids.hulls, node)
             pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append([radius])
-        return Contact(names[0], names[1], float(out[0]), _nearest_points(hulls[0], hulls[1], radii))
+        return Contact(names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, Ints]:
-        """Return the least distance of bodies at each configuration, zero if not proven, and where it is attained.
+        """Return the smallest distance at each configuration, and its pair.
 
-        The second result, shape (n, 3), has the pair of bodies and the node of the tree of each.
+        ``points`` has shape (n, dof). The distances, shape (n,), are in metres, zero if not proven positive. The second
+        array, shape (n, 3), has the index of the pair of solids and the nearest node of the hull tree of each.
         """
         rows = as_contiguous(points)
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
@@ -376,15 +389,15 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         seed: int | None = None,
         time_limit: float = 5.0,
     ) -> Floats:
-        """Find a path that is proven free as a whole.
+        """Find a path that is proven collision-free.
 
-        Two trees of motions grow towards each other. The first path is not the shortest. Further searches only sample
-        where a shorter path may lead (Gammell and others, 2014), and parts of the path are pulled towards straight
-        motions, as far as these are proven free. The path is the same every time for a seed, unless the time limit ends
-        the search.
+        All its motions are proven as a whole. Two trees of motions grow towards each other. The first path is not the
+        shortest. Further searches only sample where a shorter path may lead (Gammell and others, 2014), and parts of
+        the path are pulled towards straight motions, as far as these are proven free. The path is the same every time
+        for a seed, unless the time limit ends the search.
 
         Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It begins and ends
-        within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), at the limit.
+        within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), it begins or ends at the limit.
 
         Parameters
         ----------
@@ -428,7 +441,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         start, goals = self.arm._clamp(start), self.arm._clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
-        free = are_free(self._outer_scene, endpoints, endpoints)
+        free = are_free(self._outer_scene, endpoints, endpoints)  # of motions that stay at a configuration
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise collision_error(self, q, name)
@@ -440,17 +453,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     @property
     def _spans(self) -> Floats:
-        """Largest motion of each joint between rows of a path.
+        """Largest motion of each joint between path rows.
 
-        It is half a turn for continuous joints, else inf.
+        Its shape is (dof,). It is half a turn for continuous joints, otherwise infinite.
         """
         return np.where(self.periodic_axes, math.pi + _HALF_TURN_ROUNDING, math.inf)
 
     def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
-        """Refuse edges that turn a joint by more than half a turn.
+        """Raise InputError if a continuous joint turns too far.
 
-        Raises InputError for continuous joints; edges have shape (..., n, dof). ``pairs`` are the rows that each edge
-        joins; by default each row and the next.
+        Along an edge it may turn by half a turn. Edges lead from ``q0`` to ``q1``, shape (..., n, dof). ``pairs``,
+        shape (n, 2), are the rows that each edge joins; by default each row and the next.
         """
         steps = np.abs(q1 - q0)
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
@@ -466,10 +479,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Return whether each edge is proven collision-free.
 
-        The edges are those of a path, of paths, or of a roadmap. The edges are those of :meth:`motion_is_free`: all
-        joints move together, each from its value to the next. An edge that turns a continuous joint by more than half a
-        turn is refused, because planners and controllers that wrap angles would take the shorter way, a different
-        motion. For all other edges both motions are the same.
+        The edges join the rows of a path, of several paths, or of a roadmap. Along an edge, all joints move together,
+        each from its value to the next, as in :meth:`motion_is_free`. An edge that turns a continuous joint by more
+        than half a turn is refused, because planners and controllers that wrap angles would take the shorter way, a
+        different motion. For all other edges both motions are the same.
 
         Parameters
         ----------
@@ -505,8 +518,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def _images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
 
-        The goals have shape (n, dof), the result (m, dof). The first n take the shorter way; goals that already do are
-        unchanged, to the last bit.
+        ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are the goals the shorter
+        way round; a goal that already is, is unchanged to the last bit.
         """
         images = np.where(self.periodic_axes, beside(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
@@ -516,33 +529,39 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return images
 
     def _classify(self) -> Query:
+        """Return the query that writes the state of each configuration."""
+
         def query(parts: Sequence[Any], out: States) -> int:
+            # BLOCKED is sought only where FREE is not proven.
             (rows,) = self._rows(parts, ("q",))
             free = np.empty(len(out), dtype=np.bool_)
             self._prove([rows], free)
             out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
-            left = np.flatnonzero(~free)
+            undecided = np.flatnonzero(~free)
 
             def find_blocked(first: int, stop: int) -> int:
-                blocked, rows_left = np.empty(stop - first, dtype=np.bool_), left[first:stop]
-                are_blocked(self._inner_scene, rows[rows_left], blocked, make_scene_scratch(self._inner_scene))
-                out[rows_left[blocked]] = BLOCKED
+                blocked, chunk = np.empty(stop - first, dtype=np.bool_), undecided[first:stop]
+                are_blocked(self._inner_scene, rows[chunk], blocked, make_scene_scratch(self._inner_scene))
+                out[chunk[blocked]] = BLOCKED
                 return -1
 
-            return in_chunks(find_blocked, len(left), MIN_MOTIONS_PER_THREAD)
+            return in_chunks(find_blocked, len(undecided), MIN_MOTIONS_PER_THREAD)
 
         return query
 
     def _frees(self, exact: bool) -> Query:
+        """Return the query that proves configurations free."""
         return lambda parts, out: self._prove(self._rows(parts, ("q",)), out)
 
     def _edges(self, number: int, exact: bool) -> Query:
+        """Return the query that proves motions free."""
         return lambda parts, out: self._prove(self._rows(parts, ("q0", "q1")), out)
 
     def _prove(self, rows: Sequence[Floats], out: Bools) -> int:
-        """Prove motions from the first batch to the last.
+        """Write whether each motion is proven free.
 
-        Batches have shapes (n, dof).
+        Motions lead from the first batch to the last. ``rows`` has one batch, for motions that stay in place, or two;
+        each has shape (n, dof), and ``out`` shape (n,). Returns -1.
         """
 
         def prove(first: int, stop: int) -> int:
@@ -552,10 +571,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return in_chunks(prove, len(out), MIN_MOTIONS_PER_THREAD)
 
     def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
-        """Return checked batches, shape (n, dof), as kernels take them."""
+        """Check batches of configurations, and return them as contiguous arrays.
+
+        Each has shape (n, dof). ``names`` are the arguments that messages name.
+        """
         return [as_contiguous(self._check_configurations(part, name)) for part, name in zip(parts, names, strict=True)]
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Check configurations, and return them as an array.
+
+        Raises ConfigurationError beyond the limits of a joint.
+        """
         points = self.arm._check_configurations(q, name)
         self.arm._check_limits(points, name)
         return points
@@ -564,7 +590,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 def collision_error(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
     """Return the error for a start or goal in collision.
 
-    It names what touches; ``q`` has shape (dof,).
+    ``q`` has shape (dof,); `name` is the argument. The message names the link and the obstacle that touch.
     """
     link, other, *_ = space.closest(q)
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
@@ -619,16 +645,17 @@ def build_arm_space(
             if name not in links and name not in named:
                 rule = f"there are {', '.join((*links, *named))}"
                 raise InputError("allowed_collisions", f"names {name!r}", rule, "name two of these", value=name)
-    least = check_not_negative(margin, "margin")
+    min_distance = check_not_negative(margin, "margin")
     base = np.linalg.inv(np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
-    return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, least)
+    return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, min_distance)
 
 
 def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:
-    """Group links of one body, and obstacles, for common tests.
+    """Group links and obstacles by their allowed collisions.
 
-    Members may touch the same others, so that one test proves a group apart.
+    Links of a group belong to one body. Members of a group have the same partners in ``may_touch``, so that one test
+    proves all of them apart from another group.
     """
     partners: dict[str, set[str]] = {}
     for one, other in may_touch:
@@ -636,24 +663,25 @@ def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch:
         partners.setdefault(other, set()).add(one)
     groups: dict[tuple[int, frozenset[str]], list[Solid]] = {}
     for link in links:
-        fellows = {each.name for each in links if each.body == link.body}
-        key = link.body, frozenset(partners.get(link.name, set()) - fellows)
+        same_body = {each.name for each in links if each.body == link.body}
+        key = link.body, frozenset(partners.get(link.name, set()) - same_body)
         groups.setdefault(key, []).append(link)
     for obstacle in obstacles:
         groups.setdefault((-1, frozenset(partners.get(obstacle.name, ()))), []).append(obstacle)
     return [Group(each, body < 0) for (body, _), each in groups.items()]
 
 
-def _nearest_points(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
-    """Return the nearest points of two hulls, shape (2, 3).
+def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Floats:
+    """Return the nearest points of two convex hulls.
 
-    The hulls are of two point sets, grown by radii. They come from the point of the hull of all differences nearest to
-    zero (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    The result has shape (2, 3). The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a
+    radius; ``radii`` has shape (2, 1); all in metres. The nearest points follow from the point nearest to zero in the
+    hull of all differences (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
     """
-    differences = (one[:, np.newaxis] - other).reshape(-1, 3)
+    differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
     weights, _ = scipy.optimize.nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
-    shares = weights.reshape(len(one), len(other)) / weights.sum()
-    points = np.stack([shares.sum(axis=1) @ one, shares.sum(axis=0) @ other])
+    shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
+    points = np.stack([shares.sum(axis=1) @ points_a, shares.sum(axis=0) @ points_b])
     offset = points[1] - points[0]
     return np.asarray(
         points + np.multiply(radii, [[1.0], [-1.0]]) * offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)

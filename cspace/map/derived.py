@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, ClassVar, Generic, ParamSpec, Protocol, Self, TypeVar, overload
 from weakref import ReferenceType, ref
 
-T = TypeVar("T")
+Part = TypeVar("Part")
 P = ParamSpec("P")
 
 
@@ -72,7 +72,7 @@ class Locked(Protocol):
     _lock: Lock
 
 
-class lazy(Generic[T]):  # noqa: N801 - used as a decorator
+class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     """Turn a method into an attribute, computed at first access.
 
     One thread computes the part and any others wait. All parts of an object share its lock ``_lock``. An update holds
@@ -80,15 +80,15 @@ class lazy(Generic[T]):  # noqa: N801 - used as a decorator
     cached.
     """
 
-    def __init__(self, make: Callable[[Any], T]) -> None:
+    def __init__(self, make: Callable[[Any], Part]) -> None:
         self._make, self._name = make, make.__name__
         self.__doc__ = make.__doc__
 
     @overload
     def __get__(self, owner: None, kind: type | None = None) -> Self: ...
     @overload
-    def __get__(self, owner: Locked, kind: type | None = None) -> T: ...
-    def __get__(self, owner: Locked | None, kind: type | None = None) -> Self | T:
+    def __get__(self, owner: Locked, kind: type | None = None) -> Part: ...
+    def __get__(self, owner: Locked | None, kind: type | None = None) -> Self | Part:
         """Return the cached part, computed at first access."""
         if owner is None:
             return self
@@ -97,12 +97,12 @@ class lazy(Generic[T]):  # noqa: N801 - used as a decorator
         with owner._lock:
             if self._name not in parts:
                 parts[self._name] = self._make(owner)
-            part: T = parts[self._name]
+            part: Part = parts[self._name]
             return part
 
-    def cached(self, owner: Locked) -> T | None:
+    def cached(self, owner: Locked) -> Part | None:
         """Return the part, or None."""
-        part: T | None = vars(owner).get(self._name)
+        part: Part | None = vars(owner).get(self._name)
         return part
 
     def refresh(self: lazy[Refreshable[P]], owner: Locked, *args: P.args, **kwargs: P.kwargs) -> None:

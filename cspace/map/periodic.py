@@ -25,7 +25,7 @@ from cspace.rotations import OneRotation
 from cspace.rotations.base import MAX_JOINT_ANGLE, TWO_PI, shorter, wrapped
 from cspace.workspace import Workspace
 
-T = TypeVar("T")
+Result = TypeVar("Result")
 
 BYTES_PER_UNROLLED_CELL: Final = 3
 """Bytes per unrolled cell: its state, and its outer and inner obstacle bits."""
@@ -161,7 +161,7 @@ NOT_PERIODIC: Final = Periodic()
 """Stands for a map without periodic axes."""
 
 
-def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) -> Callable[..., T]:
+def with_wrapped_angles(check: Callable[..., Result], periodic_axes: Sequence[bool]) -> Callable[..., Result]:
     """Wrap a function to get angles in [-pi, pi).
 
     The function takes floats. Angles of the second configuration are within half a turn of the first. Angles that
@@ -174,7 +174,7 @@ def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) 
     # Local names are faster than global ones.
     limit, period, half, remainder = MAX_JOINT_ANGLE, TWO_PI, math.pi, math.remainder
 
-    def wrapped(*numbers: float) -> T:
+    def wrapped(*numbers: float) -> Result:
         near = list(numbers)
         for k in periodic:
             first = numbers[k] if -limit <= numbers[k] <= limit else math.nan

@@ -1,4 +1,4 @@
-"""Bodies: connected parts of a mesh, and the winding of their triangles."""
+"""Bodies of a mesh: its connected parts, and how often each triangle counts in them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,22 @@ from cspace.arrays import Bools, Floats, Ints
 from cspace.shapes.shape import unique_rows
 
 _VOLUME_ROUNDING: Final = 2.0**-30
-"""Maximum volume, relative to the sum of its parts' moduli, whose sign is uncertain from rounding."""
+"""Relative volume below which the sign is uncertain because of rounding.
+
+It is relative to the sum of the absolute volumes of the tetrahedra that are added.
+"""
 
 
 class Body(NamedTuple):
-    """Triangles that are connected through shared edges.
+    """Triangles of a mesh that are connected through shared edges.
 
     Attributes
     ----------
     faces : ndarray of int64, shape (n,)
         Indices of its triangles.
     turns : ndarray of int64, shape (n,)
-        Multiplicity of each triangle: 1, or -1 if reversed, or 0 if it repeats another one. All 0 for an open body.
+        Multiplicity of each triangle: how often it counts, negative if reversed, 0 if it repeats another one.
+        All 0 for an open body.
     closed : bool
         True if the counted triangles cancel along each edge.
     volume : float
@@ -38,141 +42,162 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
     """Find the bodies of a mesh, ordered by first triangle.
 
     Bitwise equal vertices count as one. A triangle with two equal corners bounds nothing and belongs to no body.
-    Another
-    triangle without area belongs to a body only if it closes a gap: between an edge of one triangle and the two halves
-    of that edge in other triangles.
+    Another triangle without area belongs to a body only if it closes a gap between an edge of one triangle and the two
+    halves of that edge in other triangles.
 
-    The first pass joins triangles through edges that at most two of them share. What closes that way is a body, even if
-    it touches other bodies along edges or something open is attached to it. The second pass joins the rest through all
-    edges.
+    The first pass joins triangles through edges that at most two of them share. A part that is closed then is a body,
+    even if it touches other bodies along edges or something open is attached to it. The second pass joins the other
+    triangles through all edges. The third pass adds the triangles without area.
 
     Parameters
     ----------
     vertices : ndarray, shape (V, 3)
+        Metres.
     faces : ndarray of int64, shape (F, 3)
+        Vertex indices.
+
+    Returns
+    -------
+    tuple of Body
     """
     corners = unique_rows(vertices)[1][faces]
     proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     sides = vertices[faces][:, 1:] - vertices[faces][:, :1]
-    flat = proper & (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
+    has_no_area = proper & (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
     closed: list[Body] = []
     open_bodies: list[Body] = []
-    rest = np.flatnonzero(proper & ~flat)
-    for added, max_shared in ((rest[:0], 2), (rest[:0], len(faces)), (np.flatnonzero(flat), len(faces))):
-        if not len(rest):
+    remaining = np.flatnonzero(proper & ~has_no_area)
+    for added, max_shared in (
+        (remaining[:0], 2),
+        (remaining[:0], len(faces)),
+        (np.flatnonzero(has_no_area), len(faces)),
+    ):
+        if not len(remaining):
             break
-        chosen = np.sort(np.concatenate([rest, added]))
-        parts = _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared)
-        parts = [body._replace(faces=chosen[body.faces]) for body in parts]
-        closed += [body for body in parts if body.closed]
+        chosen = np.sort(np.concatenate([remaining, added]))
+        found = _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared)
+        found = [body._replace(faces=chosen[body.faces]) for body in found]
+        closed += [body for body in found if body.closed]
         # Open flat triangles without any area are not worth a body.
-        open_bodies = [body for body in parts if not body.closed and not flat[body.faces].all()]
-        rest = np.concatenate([rest[:0], *(body.faces for body in open_bodies)])
+        open_bodies = [body for body in found if not body.closed and not has_no_area[body.faces].all()]
+        remaining = np.concatenate([remaining[:0], *(body.faces for body in open_bodies)])
     bodies = _orient_outward(vertices, faces, closed) + open_bodies
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
 
 
 def component_labels(first: Ints, second: Ints, count: int) -> Ints:
-    """Return the smallest vertex in each vertex's component, shape (count,).
+    """Label the connected components of a graph.
 
-    The pairs (`first[i]`, `second[i]`) are the edges. SciPy's graphs are as quick, but importing them takes 0.2 s and
-    20 MB.
+    The graph has `count` vertices, and edges from `first[i]` to `second[i]`. A vertex's label is the smallest vertex of
+    its component. Returns shape (count,). SciPy's function is as fast, but importing it takes 0.2 s and 20 MB.
     """
     labels = np.arange(count)
     while len(first):
-        a, b = labels[first], labels[second]
-        apart = a != b
-        first, second, a, b = first[apart], second[apart], a[apart], b[apart]
-        np.minimum.at(labels, np.maximum(a, b), np.minimum(a, b))
+        label_a, label_b = labels[first], labels[second]
+        apart = label_a != label_b
+        first, second, label_a, label_b = first[apart], second[apart], label_a[apart], label_b[apart]
+        np.minimum.at(labels, np.maximum(label_a, label_b), np.minimum(label_a, label_b))
         # Each vertex now points to a smaller one of its component; follow the pointers to the smallest.
-        while (labels != (further := labels[labels])).any():
-            labels = further
+        while (labels != (next_labels := labels[labels])).any():
+            labels = next_labels
     return labels
 
 
 def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Body]:
-    """Group triangles into bodies, and decide how often and in which direction each triangle counts.
+    """Group triangles into bodies, and orient them.
 
-    Triangles are joined through edges that at most `max_shared` different triangles share. A triangle may be given
-    several times. Its multiplicity is the number of times that it counts, negative if reversed, and 0 in a body that
-    stays open. The first rule that closes a body decides its multiplicities:
+    ``triangles`` has shape (n, 3, 3), metres; ``corners``, shape (n, 3), has vertex indices. Triangles are joined
+    through edges that at most `max_shared` different triangles share. A triangle may be given several times. Its
+    multiplicity is the number of times that it counts, negative if reversed, and 0 in a body that stays open. The first
+    rule that closes a body decides its multiplicities:
 
     1. One of several equal triangles counts, in its own direction.
     2. All triangles count as given, so that a wall given once for each of two adjacent parts cancels.
-    3. One of several equal triangles counts, exactly two meet at each edge, and triangles are reversed, from neighbour
-       to neighbour, until all directions agree. A surface on which that fails, like Klein's bottle, is open.
+    3. One of several equal triangles counts, exactly two meet at each edge, and triangles are reversed, from neighbor
+       to neighbor, until all directions agree. A surface on which that fails, like a Klein bottle, is open.
 
     If neither the given directions nor their copies decide which way the body faces, it faces outward.
     """
+    # A body is manifold if exactly two of its triangles meet at each edge. `directed` bodies keep the given directions.
     edge, direction = _edges(corners)
     first, copies, net = _find_repeated(corners)
     meeting = np.bincount(edge[first].ravel(), minlength=int(edge.max()) + 1)
     body, count = _label_bodies(edge, meeting <= max_shared)
     balanced, manifold = _balance(edge, direction, body, count, first)
     # Rule 1. The given directions decide which way a body faces, unless copies cancel.
-    turns, closed, directed = first.astype(np.int64), balanced.copy(), balanced.copy()
+    multiplicity, closed, directed = first.astype(np.int64), balanced.copy(), balanced.copy()
     directed[body[np.abs(net) < copies]] = False
     if not first.all():  # rule 2
-        every = np.ones(len(first), dtype=np.bool_)
-        second = ~closed & _balance(edge, direction, body, count, every)[0]
+        all_triangles = np.ones(len(first), dtype=np.bool_)
+        by_rule_2 = ~closed & _balance(edge, direction, body, count, all_triangles)[0]
         # A body whose triangles all cancel encloses nothing.
-        second &= np.bincount(body, weights=net != 0, minlength=count) > 0
-        turns[second[body]] = 1
-        closed |= second
-        directed |= second
+        by_rule_2 &= np.bincount(body, weights=net != 0, minlength=count) > 0
+        multiplicity[by_rule_2[body]] = 1
+        closed |= by_rule_2
+        directed |= by_rule_2
     # Rule 3.
-    astray = manifold & ~closed
-    if astray.any():
-        members = np.flatnonzero(astray[body] & first)
-        turns[members], possible = _orient_alike(edge[members], direction[members], body[members], count)
-        closed |= astray & possible
-    turns[~closed[body]] = 0
-    volume = _volumes(triangles, turns, body, count)
+    by_rule_3 = manifold & ~closed
+    if by_rule_3.any():
+        members = np.flatnonzero(by_rule_3[body] & first)
+        multiplicity[members], possible = _orient_alike(edge[members], direction[members], body[members], count)
+        closed |= by_rule_3 & possible
+    multiplicity[~closed[body]] = 0
+    # A body whose facing is open to choice faces outward.
+    volume = _volumes(triangles, multiplicity, body, count)
     inward = closed & ~directed & (volume < 0.0)
-    turns, volume = np.where(inward[body], -turns, turns), np.where(inward, -volume, volume)
-    order = np.argsort(body, kind="stable")
-    parts = np.split(order, np.cumsum(np.bincount(body, minlength=count))[:-1])
-    return [Body(part, turns[part], bool(closed[b]), float(volume[b])) for b, part in enumerate(parts)]
+    multiplicity, volume = np.where(inward[body], -multiplicity, multiplicity), np.where(inward, -volume, volume)
+    by_body = np.argsort(body, kind="stable")
+    parts = np.split(by_body, np.cumsum(np.bincount(body, minlength=count))[:-1])
+    return [
+        Body(part, multiplicity[part], bool(closed[index]), float(volume[index])) for index, part in enumerate(parts)
+    ]
 
 
 def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[Body]:
-    """Reverse closed bodies that face inward, unless they are cavities.
+    """Reverse closed bodies that face inward, except cavities.
 
-    A cavity has all of its corners in bodies that face outward. Any other body that faces inward would wrongly cancel
-    whatever it overlaps.
+    ``vertices`` has shape (V, 3), ``faces`` (F, 3). A cavity has all of its corners in bodies that face outward. Any
+    other body that faces inward would wrongly cancel whatever it overlaps.
     """
     volume = np.array([body.volume for body in bodies])
     outward, inward = volume > 0.0, volume < 0.0
     if not inward.any():
         return bodies
-    chosen = np.concatenate([body.faces for body in bodies])
-    turns = np.concatenate([body.turns for body in bodies])
+    face_indices = np.concatenate([body.faces for body in bodies])
+    multiplicity = np.concatenate([body.turns for body in bodies])
     owner = np.repeat(np.arange(len(bodies)), [len(body.faces) for body in bodies])
-    triangles = vertices[faces[chosen]]
+    triangles = vertices[faces[face_indices]]
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
     lows = np.minimum.reduceat(triangles.min(axis=1), starts)
     highs = np.maximum.reduceat(triangles.max(axis=1), starts)
-    low, high = lows[outward], highs[outward]
+    outward_lows, outward_highs = lows[outward], highs[outward]
     cavity = np.zeros(len(bodies), dtype=np.bool_)
-    for b in np.flatnonzero(inward).tolist():
-        cavity[b] = ((low < lows[b]).all(axis=1) & (highs[b] < high).all(axis=1)).any()
+    for index in np.flatnonzero(inward).tolist():
+        cavity[index] = ((outward_lows < lows[index]).all(axis=1) & (highs[index] < outward_highs).all(axis=1)).any()
+    # A body whose box lies in that of an outward body may be a cavity. The winding number of the outward bodies around
+    # its corners decides.
     if cavity.any():
         from cspace.raster.surfaces import WindingNumber
 
-        around, within = outward[owner] & (turns != 0), np.flatnonzero(cavity[owner])
+        around, within = outward[owner] & (multiplicity != 0), np.flatnonzero(cavity[owner])
         center = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - center).reshape(-1, 3)
-        out = WindingNumber(triangles[around] - center, turns[around]).evaluate(corners) <= 0
-        cavity[np.repeat(owner[within], 3)[out]] = False
-    over = inward & ~cavity
-    return [body._replace(turns=-body.turns, volume=-body.volume) if over[b] else body for b, body in enumerate(bodies)]
+        is_outside = WindingNumber(triangles[around] - center, multiplicity[around]).evaluate(corners) <= 0
+        cavity[np.repeat(owner[within], 3)[is_outside]] = False
+    is_reversed = inward & ~cavity
+    return [
+        body._replace(turns=-body.turns, volume=-body.volume) if is_reversed[index] else body
+        for index, body in enumerate(bodies)
+    ]
 
 
 def _volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
-    """Return the enclosed volume of each body, shape (count,).
+    """Return the enclosed volume of each body.
 
-    It is zero within rounding.
+    The result has shape (count,), in cubic metres. ``triangles`` has shape (n, 3, 3), metres; ``turns`` and ``body``,
+    shape (n,), are the multiplicity and the body of each. Volumes whose sign rounding leaves uncertain become zero.
     """
+    # Sum the signed volumes of the tetrahedra between a point near the body's center and its triangles.
     total = np.stack([np.bincount(body, weights=triangles[:, 0, k], minlength=count) for k in range(3)], axis=-1)
     center = total / np.maximum(np.bincount(body, minlength=count), 1)[:, None]
     a, b, c = np.moveaxis(triangles - center[body][:, None], 1, 0)
@@ -187,9 +212,10 @@ def _volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
 
 
 def _edges(corners: Ints) -> tuple[Ints, Ints]:
-    """Return the edge and direction of each triangle side.
+    """Find the edge of each triangle side.
 
-    Directions are 1 or -1; both arrays have shape (n, 3).
+    ``corners``, shape (n, 3), has vertex indices. Returns the edge of each side, and its direction along that edge, 1
+    or -1, each of shape (n, 3). Sides on the same two vertices have the same edge.
     """
     endpoints = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
     key = endpoints.min(axis=-1) * (int(corners.max()) + 1) + endpoints.max(axis=-1)
@@ -198,9 +224,10 @@ def _edges(corners: Ints) -> tuple[Ints, Ints]:
 
 
 def _find_repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
-    """Find triangles on the same three corners.
+    """Find triangles that have the same three corners.
 
-    For each triangle, return whether it is the first one, the count of such triangles, and the sum of their signs.
+    ``corners`` has shape (n, 3). Returns three arrays of shape (n,): whether a triangle is the first on its corners,
+    the number of triangles on these corners, and the sum of their signs, 1 or -1 by direction.
     """
     a, b, c = corners.T
     inversions = (a > b).astype(np.int64) + (b > c) + (a > c)
@@ -212,22 +239,28 @@ def _find_repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
 
 
 def _label_bodies(edge: Ints, joining: Bools) -> tuple[Ints, int]:
-    """Return the body of each triangle, and their count.
+    """Label the body of each triangle, and count the bodies.
 
-    `joining` marks the edges that join triangles.
+    ``edge``, shape (n, 3), has the edges of each triangle. `joining`, shape (edges,), marks the edges that join
+    triangles.
     """
-    n = len(edge)
+    triangle_count = len(edge)
     triangle, side = np.nonzero(joining[edge])
     roots, body = np.unique(
-        component_labels(triangle, n + edge[triangle, side], n + len(joining))[:n], return_inverse=True
+        component_labels(triangle, triangle_count + edge[triangle, side], triangle_count + len(joining))[
+            :triangle_count
+        ],
+        return_inverse=True,
     )
     return body.astype(np.int64), len(roots)
 
 
 def _balance(edge: Ints, direction: Ints, body: Ints, count: int, chosen: Bools) -> tuple[Bools, Bools]:
-    """Test bodies for closedness and for edges shared by exactly two triangles.
+    """Test which bodies are closed, and which are manifolds.
 
-    A body is balanced if its chosen triangles cancel along each edge.
+    A body is balanced if its chosen triangles cancel along each edge, and a manifold if exactly two of them meet at
+    each edge. ``edge`` and ``direction`` have shape (n, 3), ``body`` and `chosen` (n,). Returns two arrays of shape
+    (count,).
     """
     # Bodies can touch along an edge, so each body counts only its own triangles there.
     key = np.repeat(body[chosen], 3) * (int(edge.max()) + 1) + edge[chosen].ravel()
@@ -241,21 +274,23 @@ def _balance(edge: Ints, direction: Ints, body: Ints, count: int, chosen: Bools)
 
 
 def _orient_alike(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[Ints, Bools]:
-    """Orient adjacent triangles alike, by signs of 1 or -1.
+    """Orient adjacent triangles alike.
 
-    Also returns the bodies for which this is possible. Exactly two triangles must meet at each edge.
+    Returns signs of 1 or -1, shape (n,), that multiply the given directions, and the bodies for which such signs exist,
+    shape (count,). Exactly two triangles must meet at each edge. ``edge`` and ``direction`` have shape (n, 3), ``body``
+    (n,).
     """
-    n = len(edge)
+    triangle_count = len(edge)
     order = np.argsort(np.repeat(body, 3) * (int(edge.max()) + 1) + edge.ravel(), kind="stable").reshape(-1, 2)
-    one, other = (order // 3).T
-    unlike = np.equal(*direction.ravel()[order].T)
+    triangle_a, triangle_b = (order // 3).T
+    disagree = np.equal(*direction.ravel()[order].T)
     # Each triangle has two nodes, as given and reversed; consistent choices are linked.
-    start = np.concatenate([one, n + one])
-    stop = np.concatenate([other + n * unlike, other + n * ~unlike])
-    label = component_labels(start, stop, 2 * n).reshape(2, n)
+    start = np.concatenate([triangle_a, triangle_count + triangle_a])
+    stop = np.concatenate([triangle_b + triangle_count * disagree, triangle_b + triangle_count * ~disagree])
+    labels = component_labels(start, stop, 2 * triangle_count).reshape(2, triangle_count)
     possible = np.ones(count, dtype=np.bool_)
-    possible[body[label[0] == label[1]]] = False
+    possible[body[labels[0] == labels[1]]] = False
     bodies, first = np.unique(body, return_index=True)
-    leading = np.zeros(count, dtype=label.dtype)
-    leading[bodies] = label[0, first]
-    return np.where((label[0] == leading[body]) | ~possible[body], 1, -1), possible
+    leading_label = np.zeros(count, dtype=labels.dtype)
+    leading_label[bodies] = labels[0, first]
+    return np.where((labels[0] == leading_label[body]) | ~possible[body], 1, -1), possible
