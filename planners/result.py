@@ -1,4 +1,4 @@
-"""Plan: the path that a search found, and its proofs."""
+"""Plans: the paths that searches found, with their proofs."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Seconds that the steps of :func:`planners.plan` took.
+    """Durations of the steps of :func:`planners.plan`, in seconds.
 
-    The time limit is for planning and simplification. The other two are mostly a millisecond; at the first plan on a
-    map they include what the map caches for all later ones: components, blocks of FREE cells, and, for the planner
+    The time limit applies to planning and simplification. Setup and checking mostly take a millisecond. The first plan
+    on a map also computes the caches that all later plans use: components, blocks of FREE cells, and, for the planner
     "MaxClearance", the clearance of every cell, which takes seconds on a map of 10^8 cells.
 
     Attributes
     ----------
     setup : float
-        Checks of the input, the look-up whether a path exists, OMPL's set-up, caches of the map, and compilation until
-        the search ends.
+        Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and compilation until the
+        search ends.
     planning : float
         The search.
     simplification : float
@@ -60,7 +60,9 @@ class Times:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
-    """A path and its proofs, or the reason why there is none.
+    """A path and its proofs.
+
+    Without a path, the status gives the reason.
 
     Attributes
     ----------
@@ -69,29 +71,28 @@ class Plan:
         are added on the edges between waypoints, at most a cell and 5 degrees apart, so that the path can be driven and
         drawn. Yaw is in radians, in [-pi, pi): it jumps by 2 pi when it passes pi.
     waypoints : ndarray of float64, shape (m, size), read-only
-        Configurations that edges join, which are rows of the path. For a differential drive, they include those at
-        which it begins to turn or to drive: straight edges join them, so that :meth:`cspace.CSpace.certify_path` proves
-        waypoints and path alike.
+        Rows of the path that edges join. For a differential drive, they include the rows at which it begins to turn or
+        to drive: straight edges join them, so that :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
     start, goal : ndarray of float64, shape (size,), read-only
         Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1, the joints of an arm
         within their limits.
     axes : tuple of str
-        Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
+        Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
     units : tuple of str
         Units of these columns: "m", "rad", or "1" for the numbers of a quaternion.
     length_unit : str
-        Unit of the length: "m"; of motions of joints "rad", or "rad or m" if some of them slide.
+        Unit of the length: "m"; for motions of joints "rad", or "rad or m" if some of them slide.
     distance_unit : str
-        Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or in a map of joints theirs.
+        Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or on a map of joints the unit of the joints.
     direction : ndarray of int8, shape (n,), read-only, or None
-        Motion of the robot from the row before to each row: 1 ahead, -1 in reverse, 0 turning on the spot; the first
-        row has that of the second. None for a holonomic robot.
+        Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on the spot. The first
+        row repeats the second. None for a holonomic robot.
     solved : bool
-        Whether the path reaches the goal. Approximate solutions of OMPL do not, and are not kept.
+        Whether the path reaches the goal. Approximate solutions of OMPL are discarded.
     certified : bool
         Whether every edge between the waypoints was proven free **when it was planned**, by the map, or with ``exact``
-        by the map and the geometry, checked again after OMPL was done; curves are proven along the real curve. It stays
-        as it is when obstacles change afterwards: :meth:`recheck` proves the edges now.
+        by the map and the geometry, checked again after OMPL was done; curves are proven along the real curve. It does
+        not change when obstacles change: :meth:`recheck` proves the edges now.
     status : str
         The result in a line: that a path was found, or whether one is proven to exist; and for an arm, how far the
         start or goal was moved onto limits that it exceeded.
@@ -114,16 +115,17 @@ class Plan:
     drive : str
         Motion of the robot along edges; see :func:`planners.plan`.
     turning_radius : float or None
-        Of the curves, in metres.
+        Turning radius of the curves, metres.
     exact : bool
-        Whether the geometry itself decided what the map cannot; for an arm it always does.
+        Whether the geometry itself decided edges in MIXED cells; for an arm it always does.
     seed : int or None
+        Seed of the random numbers.
     time_limit : float
-        Seconds that the search was given.
+        Time limit of the search, seconds.
     times : Times
     space : CSpace, TiledCSpace, ArmSpace or None
-        The map that it was planned on; None after pickling or copying, which drop the map and keep :attr:`clearance`
-        as it is then, or :attr:`obstacle_distance` of an arm.
+        The map that it was planned on; None after pickling or copying, which drop the map and keep the present values
+        of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and :attr:`lower_bound`.
     """
 
     path: Floats
@@ -157,58 +159,63 @@ class Plan:
     _lower_bound: float = math.nan
 
     def __getstate__(self) -> list[Any]:
-        """Return the state for pickling, without the map."""
-        left = {"space": None, "_clearance": self.clearance, "_lower_bound": self.lower_bound}
+        """Return the state for pickling, without the map.
+
+        The distances that the map gave are stored instead.
+        """
+        replaced = {"space": None, "_clearance": self.clearance, "_lower_bound": self.lower_bound}
         if math.isnan(self.clearance):
-            left["_obstacle_distance"] = self.obstacle_distance
-        return [left.get(each.name, getattr(self, each.name)) for each in fields(self)]
+            replaced["_obstacle_distance"] = self.obstacle_distance
+        return [replaced.get(each.name, getattr(self, each.name)) for each in fields(self)]
 
     @property
     def clearance(self) -> float:
         """Proven lower bound of the clearance along the path.
 
-        Metres from any configuration on it to the nearest one that is not FREE, be it in collision or undecided, in the
-        map as it is now; :attr:`obstacle_distance` is that of the robot from the obstacles. For a robot that turns, the
-        distance is that of its position, at the rotation it has there. Zero along a path through MIXED cells. NaN for
-        an arm, which has :attr:`obstacle_distance`, and where not solved. Computed at each access; the first one on a
-        map takes longer.
+        Clearance is the distance, in metres, from a configuration on the path to the nearest configuration that is not
+        FREE, in the map as it is now; :attr:`obstacle_distance` is the distance of the robot from the obstacles. For a
+        robot that turns, the distance is that of its position, at the same rotation. Zero along a path through MIXED
+        cells. NaN for an arm, which has :attr:`obstacle_distance`, and if not solved. Computed at each access; the
+        first one on a map takes longer.
         """
         edges = self._edges
         return edges.clearance(self.waypoints) if edges else self._clearance
 
     @property
     def obstacle_distance(self) -> float:
-        """Proven lower bound of the robot's distance from obstacles along the path.
+        """Proven lower bound of the distance from obstacles.
 
-        Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
-        has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
-        true least distance at most, but the margin at least; infinite where there is nothing, and zero where the path
-        is no longer proven free.
-        For an arm, also the distance of links from each other. NaN where not solved, where the map was left behind
-        (except of an arm) or lies in a store, and where what fills a mesh depends on the spacing. Computed at each
-        access; the first one on a map takes longer.
+        It holds along the whole path. The distance, in metres, is that between the robot itself, without margin, and
+        the obstacles as they are now: their shapes if the map has them, otherwise the outer cells; and, unless the map
+        is open, its border. The bound is at most a quarter of a cell below the true minimum, and at least the margin;
+        infinite if there is no obstacle, and zero if the path is no longer proven free. For an arm, distances between
+        links count too.
+
+        NaN if not solved, if the map was left behind (except for an arm) or lies in a store, or if the interior of a
+        mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
         return edges.obstacle_distance(self.waypoints) if edges else self._obstacle_distance
 
     @property
     def lower_bound(self) -> float:
-        """Proven lower bound of the length of all collision-free paths from start to goal.
+        """Proven lower bound of the lengths of collision-free paths.
 
-        In the unit of :attr:`length`. A radian of rotation counts as half a metre, but along curves nothing. On a map,
-        the bound comes from :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. In a store
-        it is the straight distance, and for an arm the distance in the joints, continuous ones the shorter way. It
-        holds for the obstacles as they are now, and for a robot that may move in any direction. NaN if not solved.
-        Computed at each access.
+        It holds for all paths from start to goal, in the unit of :attr:`length`. A radian of rotation counts as half a
+        metre, but along curves nothing. On a map, the bound comes from :meth:`cspace.CSpace.min_path_length` and the
+        rotation between start and goal. In a store it is the straight distance, and for an arm the distance in the
+        joints, continuous ones the shorter way. It holds for the obstacles as they are now, and for a robot that may
+        move in any direction. NaN if not solved. Computed at each access.
         """
         edges = self._edges
         return edges.min_length(self.start, self.goal) if edges else self._lower_bound
 
     @property
     def gap(self) -> float:
-        """Share by which the path may be longer than the shortest one: its weighted length / lower bound - 1.
+        """Fraction by which the path may be too long.
 
-        NaN if not solved. No path is known to be shorter than the bound, so the true share may be far smaller.
+        It compares the path with the shortest possible one: it is the weighted length / :attr:`lower_bound` - 1. The
+        true excess may be far smaller, because no path need be as short as the bound. NaN if not solved.
         """
         weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
         length, bound = self.length + weight * self.total_rotation, self.lower_bound
@@ -218,13 +225,19 @@ class Plan:
 
     @property
     def shown_distance(self) -> tuple[str, float]:
-        """Name and value of the distance that a plan prints: obstacle distance, or else clearance."""
+        """Name and value of the distance that is printed.
+
+        It is the obstacle distance, or the clearance if that is unknown.
+        """
         distance = self.obstacle_distance
         return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
 
     @property
     def distance_text(self) -> str:
-        """:attr:`shown_distance` in words, as a plan prints it; empty if neither distance is known."""
+        """Text of :attr:`shown_distance`.
+
+        It is empty if neither distance is known.
+        """
         name, distance = self.shown_distance
         words = name.replace("_", " ")
         if math.isnan(distance):
@@ -236,33 +249,43 @@ class Plan:
 
     @property
     def _edges(self) -> LocalPlanner | None:
-        """Local planner of the path's edges on the map; None without a path or a map."""
+        """Local planner of the path's edges on its map.
+
+        None without a path or a map.
+        """
         return self._edges_on(self.space) if self.solved and self.space is not None else None
 
     def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
+        """Return the local planner of the edges.
+
+        They are the edges of the path on the map ``space``.
+        """
         return local_planner(space, self.exact, self.drive, self.turning_radius)
 
     def _map(self, hint: str) -> ConfigurationSpace:
-        """Return the map of the plan; raise InputError with a hint if the plan was pickled."""
+        """Return the map of the plan.
+
+        Raises InputError with `hint` if pickling left the map behind.
+        """
         if self.space is None:
             raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
         return self.space
 
     def recheck(self, space: ConfigurationSpace | None = None) -> Bools:
-        """Prove each edge of the path again, among the obstacles as they are now.
+        """Prove each edge of the path again.
 
-        Edges are proven as they were by the plan: with its ``exact``, and along its drive or curves.
+        The obstacles as they are now count. Edges are proven like the plan's: with the same ``exact`` and drive, along
+        the same curves.
 
         Parameters
         ----------
         space : CSpace, TiledCSpace or ArmSpace, optional
-            Where to prove them; by default the map that it was planned on.
+            Map to prove them on; by default the map of the plan.
 
         Returns
         -------
         ndarray of bool, shape (m - 1,)
-            For each edge from a waypoint to the next, whether it is proven free now. Shape (1,) of a path of one
-            configuration.
+            True if the edge from a waypoint to the next is proven free now. Shape (1,) for a path of one configuration.
 
         Raises
         ------
@@ -295,23 +318,23 @@ class Plan:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
     def _repr_html_(self) -> str:
-        """Return the repr with a small picture, for notebooks."""
+        """Return the summary with a picture, for notebooks."""
         from cspace.plot import as_html
 
         return as_html(self, self._lines())
 
     def _lines(self) -> list[str]:
-        """Return a summary of the plan in a few lines."""
+        """Return the lines of the summary."""
         if not self.solved:
             between = f"from {_point(self.start)} to {_point(self.goal)} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         endpoints = " to ".join(map(_point, self.waypoints[[0, -1]]))
-        apart = f", {self.distance_text}" if self.distance_text else ""
+        distance = f", {self.distance_text}" if self.distance_text else ""
         rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
         return [
-            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} {self.length_unit}{rotation}{apart}",
+            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} {self.length_unit}{rotation}{distance}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
@@ -319,17 +342,19 @@ class Plan:
 
     @property
     def _proof(self) -> str:
-        """Proof of the path when it was planned, and now, in words."""
+        """Text about the proof, when planned and now."""
         if not self.certified:
             return "not certified"
         if self.space is None:
             return "certified when planned"
         free = self.recheck()
-        lost = f"{np.count_nonzero(~free)} of {len(free)} edges no longer proven free"
-        return "certified" if free.all() else f"certified when planned, {lost}"
+        problem = f"{np.count_nonzero(~free)} of {len(free)} edges no longer proven free"
+        return "certified" if free.all() else f"certified when planned, {problem}"
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map with the path and the robot along it; an overview of a map in tiles.
+        """Draw the map, the path and the robot.
+
+        The robot is drawn along the path. A map in tiles is drawn as an overview.
 
         Parameters
         ----------
@@ -355,7 +380,9 @@ class Plan:
     def animate(
         self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]
     ) -> None:
-        """Draw the robot on its way into an animated GIF: in the plane, in space, or an arm.
+        """Draw the moving robot into an animated GIF.
+
+        The robot moves in the plane or in space, or is an arm.
 
         Parameters
         ----------
@@ -386,7 +413,9 @@ class Plan:
     @overload
     def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
     def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
-        """Return the path of a rigid robot as a ``nav_msgs/Path`` of ROS.
+        """Convert the path to a ``nav_msgs/Path`` of ROS.
+
+        The robot must be rigid.
 
         Parameters
         ----------
@@ -427,10 +456,11 @@ class Plan:
         duration: float | None = None,
         time_step: float = 0.1,
     ) -> Trajectory:
-        """Return the fastest motion along the path within limits, from rest to rest.
+        """Compute the fastest motion along the path within limits.
 
-        The robot stays on the proven edges, so it stops at corners, at cusps, and before and after turns on the spot.
-        It does not stop between edges of the same direction, nor between the arcs and straights of a car.
+        It begins and ends at rest. The robot stays on the proven edges, so it stops at corners, at cusps, and before
+        and after turns on the spot. It does not stop between edges of the same direction, nor between the arcs and
+        straights of a car.
 
         Parameters
         ----------
@@ -476,19 +506,23 @@ class Plan:
 
     @property
     def _moves_joints(self) -> bool:
-        """Whether configurations are joint positions, not poses."""
+        """Whether configurations are joint positions instead of poses."""
         known = {"x", "y", "z", *Rotations._all_names()}
         return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
 
     def _check_solved(self, rule: str) -> None:
-        """Raise InputError if the plan has no path."""
+        """Raise InputError if the plan has no path.
+
+        `rule` says why one is needed.
+        """
         if not self.solved:
             raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the path as CSV, with a row of names, in full precision.
+        """Write the path as CSV, in full precision.
 
-        The columns are the :attr:`axes`, metres and radians, and, but for a holonomic robot, direction, 1, -1 or 0.
+        The first row has the names of the columns. The columns are the :attr:`axes`, in metres and radians, and
+        :attr:`direction` unless the robot is holonomic.
 
         Parameters
         ----------
@@ -509,7 +543,9 @@ class Plan:
         write_csv(path, overwrite, names, rows)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write all attributes except the map as JSON; NaN and infinity become null.
+        """Write all attributes except the map as JSON.
+
+        NaN and infinity become null.
 
         Parameters
         ----------
@@ -530,7 +566,7 @@ class Plan:
 
 
 def _plain(value: object) -> object:
-    """Convert a value to one that JSON can hold."""
+    """Convert a value to a JSON type."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Times):
@@ -539,8 +575,10 @@ def _plain(value: object) -> object:
 
 
 def _point(q: Floats) -> str:
+    """Format a configuration, shape (size,), with four digits."""
     return f"({', '.join(f'{x:.4g}' for x in q)})"
 
 
 def _text(seconds: float) -> str:
+    """Format a duration in seconds or milliseconds."""
     return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"

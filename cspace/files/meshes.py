@@ -49,19 +49,28 @@ _MESH_KIND: Final = "mesh"
 _APPEARANCE_PREFIXES: Final = (
     *("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "MSFT_texture_"),
 )
-"""Prefixes of the glTF extensions that leave the shape unchanged."""
+"""Prefixes of the glTF extensions that do not change the shape."""
 
 _MAX_NODE_LEVELS: Final = 256
-"""Maximum depth of nested scene nodes."""
+"""Largest depth of nested scene nodes."""
 
 _TRIANGLES_MODE: Final = 4
+"""Mode of a glTF primitive that consists of triangles."""
+
 _MODE_NAMES: Final = {5: "strips of triangles", 6: "fans of triangles"}
-_ROW_BYTES: Final = {5121: 1, 5123: 2, 5125: 4, 5126: 12}
-"""Bytes of an index, or of a position for type 5126 (float), by glTF component type."""
+"""Names of further modes of a glTF primitive, for messages."""
+
+_FLOAT_TYPE: Final = 5126
+"""glTF component type of 32-bit floats."""
+
+_ROW_BYTES: Final = {5121: 1, 5123: 2, 5125: 4, _FLOAT_TYPE: 12}
+"""Bytes of an index, or of a position for floats, by glTF component type."""
 
 
 def load_gltf_scene(file: Path) -> tuple[Any, int]:
-    """Read a glTF scene with trimesh, and count its declared triangles.
+    """Read a glTF scene and count its triangles.
+
+    Returns the ``trimesh.Scene`` that trimesh reads and the number of triangles that the file declares.
 
     Raises FileError if the file or a buffer is missing, truncated, malformed, or not read as declared. Raises
     GeometryError if it holds anything but triangles, or if its shape depends on an extension, a skin, a morph, or on
@@ -72,14 +81,15 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
     data = read_bytes(file, _MESH_KIND, memory=4.0)
     is_binary = file.suffix.lower() == ".glb"
     header = _parse_gltf_header(_glb_json(data) if is_binary else data)
-    parts = [[_count_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
+    # A mesh may be placed several times, so the memory is checked before trimesh copies it.
+    triangles = [[_count_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
     sizes = [
         sum(surface_bytes(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
-        for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), parts)
+        for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), triangles)
     ]
-    places = list(_instances(header))
-    check_bytes(file, sum(sizes) + sum(sizes[mesh] for mesh in places), "unfolds to", memory=3.0)
-    declared = sum(sum(parts[mesh]) for mesh in places)
+    instances = list(_instances(header))
+    check_bytes(file, sum(sizes) + sum(sizes[mesh] for mesh in instances), "unfolds to", memory=3.0)
+    declared = sum(sum(triangles[mesh]) for mesh in instances)
     if not declared:
         return trimesh.Scene(), 0
     kind = "glb" if is_binary else "gltf"
@@ -95,9 +105,9 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
 
 
 def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
-    """Return the number of triangles of a primitive.
+    """Return the number of triangles of a glTF primitive.
 
-    Refuses a primitive that trimesh would misread.
+    Raises GeometryError if trimesh would misread the primitive, and ContentError if it is malformed.
     """
     mode = primitive.get("mode", _TRIANGLES_MODE)
     if mode != _TRIANGLES_MODE:
@@ -114,32 +124,41 @@ def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
 
 
 def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
-    """Return the number of rows of a glTF accessor; refuse one that is compressed or exceeds its buffer."""
+    """Return the number of rows of a glTF accessor.
+
+    ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor is sparse, compressed
+    or quantised, and ContentError if it is malformed or exceeds its buffer.
+    """
     accessor = _look_up(header, "accessors", number)
     if "sparse" in accessor:
         raise unsupported_part(f"a sparse accessor ({number})")
     if "bufferView" not in accessor:
         raise unsupported_part(f"an accessor ({number}) without data, as after compression")
     component = accessor["componentType"]
-    if kind == "VEC3" and component != 5126:
+    if kind == "VEC3" and component != _FLOAT_TYPE:
         raise unsupported_part(f"quantised positions (accessor {number})")
-    if accessor["type"] != kind or component not in _ROW_BYTES or (kind == "SCALAR") == (component == 5126):
+    if accessor["type"] != kind or component not in _ROW_BYTES or (kind == "SCALAR") == (component == _FLOAT_TYPE):
         raise ContentError(f"has accessor {number} of {accessor['type']} {component} instead of {kind}")
     view = _look_up(header, "bufferViews", accessor["bufferView"])
     _refuse_extensions(view)
+    # Offsets, strides and ends are in bytes: of the accessor in its view, and of the view in its buffer.
     width, count, start = _ROW_BYTES[component], accessor["count"], accessor.get("byteOffset", 0)
-    stride, first = view.get("byteStride", width), view.get("byteOffset", 0)
+    stride, view_start = view.get("byteStride", width), view.get("byteOffset", 0)
     end = start + (count - 1) * stride + width
     buffer = _look_up(header, "buffers", view["buffer"])
-    if min(start, first) < 0 or count < 1 or stride < width or end > view["byteLength"]:
+    if min(start, view_start) < 0 or count < 1 or stride < width or end > view["byteLength"]:
         raise ContentError("has an accessor that is empty or exceeds its view")
-    if first + view["byteLength"] > buffer["byteLength"]:
+    if view_start + view["byteLength"] > buffer["byteLength"]:
         raise ContentError("has a view that exceeds its buffer")
     return int(count)
 
 
 def _instances(header: dict[str, Any]) -> Iterator[int]:
-    """Yield the mesh index of each placed instance in the scene."""
+    """Yield the mesh index of each mesh instance.
+
+    Only instances in the scene count. Raises ContentError if the nodes are not trees. Raises GeometryError if a mesh is
+    in no scene, below a camera, or moved by a skin or morph.
+    """
     scenes, nodes = header.get("scenes", []), header.get("nodes", [])
     if not scenes and header.get("meshes"):
         raise unsupported_part("meshes in no scene", "export it again with its scene")
@@ -174,7 +193,7 @@ def _instances(header: dict[str, Any]) -> Iterator[int]:
 def _check_points(points: Floats, accessor: dict[str, Any]) -> None:
     """Check the vertices of a primitive against its accessor.
 
-    The accessor declares their count and bounds.
+    The accessor declares their count and bounds. ``points`` has shape (n, 3). Raises ContentError if they differ.
     """
     if len(points) != accessor["count"]:
         raise ContentError(f"declares {accessor['count']} vertices of a part but {len(points)} were read")
@@ -185,13 +204,21 @@ def _check_points(points: Floats, accessor: dict[str, Any]) -> None:
             raise ContentError(f"declares bounds {declared.tolist()} of a part but {measured.tolist()} were read")
 
 
-def _refuse_extensions(thing: dict[str, Any]) -> None:
-    foreign = [name for name in thing.get("extensions", {}) if not name.startswith(_APPEARANCE_PREFIXES)]
+def _refuse_extensions(element: dict[str, Any]) -> None:
+    """Refuse a glTF element with an unknown extension.
+
+    Raises GeometryError, except for extensions of the appearance alone.
+    """
+    foreign = [name for name in element.get("extensions", {}) if not name.startswith(_APPEARANCE_PREFIXES)]
     if foreign:
         raise unsupported_part(f"a part with the extension {foreign[0]}")
 
 
 def _look_up(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
+    """Return an element of a glTF header.
+
+    ``kind`` is the name of its list, and ``number`` its index. Raises ContentError if the list is shorter.
+    """
     items = header.get(kind, [])
     if not 0 <= number < len(items):
         raise ContentError(f"names number {number} of its {len(items)} {kind}")
@@ -200,23 +227,27 @@ def _look_up(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
 
 
 def _glb_json(data: bytes) -> bytes:
-    """Return the header of a GLB file.
+    """Return the JSON header of a GLB file.
 
-    Refuses a file that its chunks do not fill exactly.
+    Raises ContentError if its chunks do not fill the file exactly.
     """
     if data[:4] != b"glTF" or int.from_bytes(data[4:8], "little") != 2:
         raise ContentError("does not begin with a GLB header of version 2")
-    length, at = int.from_bytes(data[8:12], "little"), 12
+    length, position = int.from_bytes(data[8:12], "little"), 12
     if length != len(data):
         raise ContentError(f"has {len(data)} bytes but declares {length}")
-    while at < length:
-        at += 8 + int.from_bytes(data[at : at + 4], "little")
-    if at != length or data[16:20] != b"JSON":
+    while position < length:
+        position += 8 + int.from_bytes(data[position : position + 4], "little")
+    if position != length or data[16:20] != b"JSON":
         raise ContentError("has a chunk that exceeds the file, or no header in JSON")
     return data[20 : 20 + int.from_bytes(data[12:16], "little")]
 
 
 def _parse_gltf_header(data: bytes) -> dict[str, Any]:
+    """Parse the JSON header of a glTF file.
+
+    Raises ContentError if it is malformed or not of version 2.
+    """
     try:
         text = data.decode("utf-8-sig")
         check_nesting(text, "[{", "]}")
@@ -233,7 +264,10 @@ def _parse_gltf_header(data: bytes) -> dict[str, Any]:
 
 
 class _FolderFiles(Mapping[str, bytes]):
-    """Files named by a glTF file, within its folder."""
+    """Files that a glTF file names, by URI.
+
+    They must lie within its folder. trimesh looks them up here.
+    """
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -253,16 +287,16 @@ class _FolderFiles(Mapping[str, bytes]):
 
 
 Named = dict[str, Element | None]
-"""Elements by id; None if two elements share the id."""
+"""Elements of a file by id; None if two elements share the id."""
 
 _SHAPELESS_CHILDREN: Final = frozenset(["asset", "extra", "evaluate_scene", "instance_camera", "instance_light"])
-"""Children of a node that have no shape."""
+"""Tags of the children of a node that have no shape."""
 
 _MAX_EXTRA_VISITS: Final = 100_000
-"""Maximum number of node visits beyond the file's elements, because a few nested instances can unfold without end."""
+"""Largest number of node visits beyond the number of elements; a few nested instances can unfold without end."""
 
 _SURFACELESS_CHILDREN: Final = frozenset(["source", "vertices", "extra", "lines", "linestrips"])
-"""Children of a mesh that have no surface."""
+"""Tags of the children of a mesh that have no surface."""
 
 
 def read_collada(file: Path) -> Surface:
@@ -286,21 +320,37 @@ def read_collada(file: Path) -> Surface:
     metres = float(unit.get("meter", "1")) if unit is not None else 1.0
     if not (math.isfinite(metres) and metres > 0.0):
         raise ContentError(f"has a unit of {metres:g} metres")
+    instances = _place_geometries(root, named, metres)
+    # A geometry may be placed several times, so the memory is checked before it is copied.
+    arrays: dict[Element, Floats] = {}
+    surfaces = {each: _read_surfaces(each, named, arrays) for each in dict.fromkeys(each for each, _ in instances)}
+    sizes = {each: sum(surface_bytes(len(points), len(faces)) for points, faces in surfaces[each]) for each in surfaces}
+    check_bytes(file, sum(sizes[each] for each, _ in instances), "unfolds to", memory=3.0)
+    return join_surfaces([transform_surface(surface, pose) for each, pose in instances for surface in surfaces[each]])
+
+
+def _place_geometries(root: Element, named: Named, metres: float) -> list[tuple[Element, Floats]]:
+    """List the placed geometries of a COLLADA scene.
+
+    Each has its transform, shape (4, 4), which contains the scale to ``metres`` per unit. Raises ContentError if nodes
+    are nested without end, and GeometryError if the scene has an unsupported element.
+    """
     instance = root.find("scene/instance_visual_scene")
     if instance is None:
         raise unsupported_part("geometries in no scene", "export it again with its scene")
     scene = _resolve_instance(instance, named)
     if scene.tag != "visual_scene":
         raise ContentError(f"names {scene.tag} as its scene")
-    places: list[tuple[Element, Floats]] = []
-    visits, most = 0, _MAX_EXTRA_VISITS + sum(1 for _ in root.iter())
+    instances: list[tuple[Element, Floats]] = []
+    visits, max_visits = 0, _MAX_EXTRA_VISITS + sum(1 for _ in root.iter())
+    # Elements to visit, depth first, with the transform and the nodes above them.
     pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
         (child, np.diag([metres, metres, metres, 1.0]), ()) for child in reversed(list(scene))
     ]
     while pending:
         element, above, path = pending.pop()
         visits += 1
-        if visits > most or len(path) > _MAX_NODE_LEVELS:
+        if visits > max_visits or len(path) > _MAX_NODE_LEVELS:
             raise ContentError(f"nests nodes {len(path)} deep, and {visits} in all or more")
         if element.tag in _SHAPELESS_CHILDREN:
             continue
@@ -309,20 +359,20 @@ def read_collada(file: Path) -> Surface:
         if element.tag == "node":
             if element in path:
                 raise ContentError(f"has the node {element.get('id')!r} within itself")
-            transform, shapes = _local_transform(element)
-            pending += [(child, above @ transform, (*path, element)) for child in reversed(shapes)]
+            transform, children = _local_transform(element)
+            pending += [(child, above @ transform, (*path, element)) for child in reversed(children)]
         elif element.tag == "instance_geometry":
-            places.append((_resolve_instance(element, named), above))
+            instances.append((_resolve_instance(element, named), above))
         else:
             raise unsupported_part(f"a {element.tag} in its scene")
-    arrays: dict[Element, Floats] = {}
-    known = {each: _read_surfaces(each, named, arrays) for each in dict.fromkeys(each for each, _ in places)}
-    sizes = {each: sum(surface_bytes(len(points), len(faces)) for points, faces in known[each]) for each in known}
-    check_bytes(file, sum(sizes[each] for each, _ in places), "unfolds to", memory=3.0)
-    return join_surfaces([transform_surface(surface, above) for each, above in places for surface in known[each]])
+    return instances
 
 
 def _resolve_instance(instance: Element, named: Named) -> Element:
+    """Return the element that an instance refers to.
+
+    Raises GeometryError if it is in another file, and ContentError if it is missing.
+    """
     url = instance.get("url", "")
     if not url.startswith("#"):
         raise unsupported_part(f"a {instance.tag} of another file ({url!r})", "export it again as one file")
@@ -333,32 +383,40 @@ def _resolve_instance(instance: Element, named: Named) -> Element:
 
 
 def _local_transform(node: Element) -> tuple[Floats, list[Element]]:
-    """Return the local transform of a node, and its other children."""
-    transform, shapes = np.eye(4), []
+    """Return the transform and the children of a node.
+
+    ``node`` is of COLLADA. Its children are returned without the elements of its transform, which has shape (4, 4),
+    from the node to its parent.
+    """
+    transform, children = np.eye(4), []
     for child in node:
         if child.tag in ("lookat", "skew"):
             raise unsupported_part(f"a node with the transform {child.tag}", "export it again with matrices")
         if child.tag not in _TRANSFORMS:
-            shapes.append(child)
+            children.append(child)
             continue
         size, matrix = _TRANSFORMS[child.tag]
         numbers = np.array((child.text or "").split(), dtype=np.float64)
         if len(numbers) != size:
             raise ContentError(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
         transform = transform @ matrix(numbers)
-    return transform, shapes
+    return transform, children
 
 
 def _translation(offset: Floats) -> Floats:
+    """Return the matrix of a translation, shape (4, 4).
+
+    `offset` has shape (3,).
+    """
     matrix = np.eye(4)
     matrix[:3, 3] = offset
     return matrix
 
 
 def _rotation(values: Floats) -> Floats:
-    """Return a rotation matrix, shape (4, 4) (Rodrigues, 1840).
+    """Return the matrix of a rotation, shape (4, 4).
 
-    `values` are the axis and the angle in degrees.
+    `values`, shape (4,), are the axis and the angle in degrees (Rodrigues, 1840).
     """
     length = float(np.linalg.norm(values[:3]))
     x, y, z = values[:3] / length if length > 0.0 else values[:3]
@@ -375,23 +433,30 @@ _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
     "rotate": (4, _rotation),
     "scale": (3, lambda values: np.diag([*values, 1.0])),
 }
-"""Number of values of each transform of a node, and the function that makes its matrix."""
+"""Number of values of each transform of a COLLADA node, and the function that makes its matrix."""
 
 
 def _read_surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:
-    """Return one surface for each primitive of a geometry."""
+    """Read the primitives of a COLLADA geometry as surfaces.
+
+    ``arrays`` caches the parsed arrays.
+    """
     surfaces = []
-    for shape in geometry:
-        if shape.tag in ("asset", "extra"):
+    for element in geometry:
+        if element.tag in ("asset", "extra"):
             continue
-        if shape.tag != "mesh":
-            raise unsupported_part(f"a geometry that is a {shape.tag}")
-        surfaces += [_read_primitive(part, named, arrays) for part in shape if part.tag not in _SURFACELESS_CHILDREN]
+        if element.tag != "mesh":
+            raise unsupported_part(f"a geometry that is a {element.tag}")
+        surfaces += [_read_primitive(part, named, arrays) for part in element if part.tag not in _SURFACELESS_CHILDREN]
     return surfaces
 
 
 def _read_primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Surface:
-    lists = [_read_corners(p, part) for p in part.findall("p")]
+    """Read the triangles of a COLLADA primitive.
+
+    Raises GeometryError for an unsupported kind of primitive, and ContentError if counts disagree.
+    """
+    lists = [_read_corners(indices, part) for indices in part.findall("p")]
     corners = np.concatenate([np.empty(0, dtype=np.int64), *lists])
     count = int(part.get("count", "0"))
     points = _read_positions(part, named, arrays) if count else np.empty((0, 3))
@@ -414,21 +479,32 @@ def _read_primitive(part: Element, named: Named, arrays: dict[Element, Floats]) 
 
 
 def _find_inputs(element: Element, semantic: str) -> list[Element]:
-    return [given for given in element.findall("input") if given.get("semantic") == semantic]
+    """List the inputs of a COLLADA element by meaning.
+
+    ``semantic`` is the meaning, e.g. "VERTEX".
+    """
+    return [each for each in element.findall("input") if each.get("semantic") == semantic]
 
 
-def _read_corners(p: Element, part: Element) -> Ints:
-    """Return the vertex indices of a list of mixed indices."""
-    stride = 1 + max((int(given.get("offset", "0")) for given in part.findall("input")), default=0)
-    given = _find_inputs(part, "VERTEX")
-    numbers = _parse_integers(p)
-    if len(given) != 1 or len(numbers) % stride:
-        raise ContentError(f"has {part.tag} with {len(given)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
-    return numbers[int(given[0].get("offset", "0")) :: stride]
+def _read_corners(indices: Element, part: Element) -> Ints:
+    """Return vertex indices of a COLLADA primitive.
+
+    The result has shape (n,). Each corner has an index for every input of the primitive; the offset of the input VERTEX
+    selects one of them.
+    """
+    stride = 1 + max((int(each.get("offset", "0")) for each in part.findall("input")), default=0)
+    inputs = _find_inputs(part, "VERTEX")
+    numbers = _parse_integers(indices)
+    if len(inputs) != 1 or len(numbers) % stride:
+        raise ContentError(f"has {part.tag} with {len(inputs)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
+    return numbers[int(inputs[0].get("offset", "0")) :: stride]
 
 
 def _read_positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Floats:
-    """Return the positions of a primitive's vertices; `arrays` caches the parsed arrays."""
+    """Return the vertex positions of a COLLADA primitive.
+
+    The result has shape (n, 3), in units of the file. `arrays` caches the parsed arrays.
+    """
     vertices = [_resolve_source(given, named) for given in _find_inputs(part, "VERTEX")]
     sources = [_resolve_source(given, named) for element in vertices for given in _find_inputs(element, "POSITION")]
     if len(sources) != 1:
@@ -454,6 +530,10 @@ def _read_positions(part: Element, named: Named, arrays: dict[Element, Floats]) 
 
 
 def _resolve_source(given: Element, named: Named) -> Element:
+    """Return the element that an input refers to.
+
+    Raises ContentError if it is missing or repeated.
+    """
     name = given.get("source", "")
     source = named.get(name[1:]) if name.startswith("#") else None
     if source is None:
@@ -462,36 +542,50 @@ def _resolve_source(given: Element, named: Named) -> Element:
 
 
 def _parse_integers(element: Element) -> Ints:
+    """Parse the text of an element as integers.
+
+    The result has shape (n,).
+    """
     try:
         return np.array((element.text or "").split(), dtype=np.int64)
     except ValueError as error:
         raise ContentError(f"has a {element.tag} that holds more than whole numbers ({error})") from error
 
 
-# Silence trimesh's log of a bad file, because the error that is raised says it.
+# Silence trimesh's log of a bad file, because the error that is raised gives the reason.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _STL_RECORD: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""A triangle of a binary STL file; the records follow a header of 84 bytes."""
+"""Layout of a triangle in a binary STL file; the records follow a header of 84 bytes."""
 
 _FACET: Final = re.compile(
     rb"\bfacet normal \S+ \S+ \S+ outer loop" + 3 * rb" vertex (\S+) (\S+) (\S+)" + rb" endloop endfacet\b"
 )
+"""A facet of a text STL file, in lower case, with single blanks."""
+
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
+"""A line of a text STL file that begins or ends a solid."""
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
     """Read the vertices and triangles of a mesh file.
 
-    Shapes are (V, 3), in metres, and (F, 3). The suffix selects the format. Parts of a scene are transformed and
-    joined. Coordinates of ``.glb`` and ``.gltf`` are metres by definition, those of ``.dae`` are converted from the
-    file's unit, and other formats are assumed to be in metres. Axes stay as they are, whichever the file calls up.
+    The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of ``.glb`` and ``.gltf``
+    are metres by definition, coordinates of ``.dae`` are converted from the file's unit, and other formats are assumed
+    to be in metres. Axes stay as they are, whichever axis the file calls up.
 
-    Nothing is repaired, merged or dropped: a file with an unsupported part is refused with GeometryError. So is a
-    polygon of four or more corners whose triangles are ambiguous, because its corners are out of plane by more than
-    rounding or no fan around one of them covers it. Lines and points are skipped in ``.obj``, ``.ply`` and ``.dae``,
-    where they are common, and refused in ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or
-    within its last number, cannot be detected.
+    Nothing is repaired, merged or dropped: a file with an unsupported part is refused with GeometryError. A polygon of
+    four or more corners is refused too if its triangles are ambiguous: its corners are out of plane by more than
+    rounding, or no fan around one of them covers it. Lines and points are skipped in ``.obj``, ``.ply`` and ``.dae``,
+    where they are common, and refused in ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or within
+    its last number, cannot be detected.
+
+    Returns
+    -------
+    vertices : ndarray of float64, shape (V, 3)
+        Metres.
+    faces : ndarray of int64, shape (F, 3)
+        Vertex indices.
     """
     file = check_file(path, _MESH_KIND)
     suffix = check_suffix(file, _READERS, "the suffix selects the format", "mesh")
@@ -507,7 +601,10 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
 
 
 def _read_stl(file: Path) -> Surface:
-    """Read the triangles of an STL file, without shared vertices."""
+    """Read the triangles of an STL file.
+
+    It may be binary or text. Triangles share no vertices.
+    """
     data = read_bytes(file, _MESH_KIND, memory=12.0)
     declared = int.from_bytes(data[80:84], "little")
     if len(data) == 84 + _STL_RECORD.itemsize * declared and len(data) >= 84:
@@ -521,7 +618,10 @@ def _read_stl(file: Path) -> Surface:
 
 
 def _parse_stl_text(data: bytes) -> Floats:
-    """Parse the corners of a text STL file, shape (3 F, 3)."""
+    """Parse the corners of a text STL file.
+
+    Returns shape (3 F, 3). Raises ContentError if anything but whole facets is found.
+    """
     text = data.lower().replace(b"\r", b"\n")
     lines = list(_SOLIDS.finditer(text))
     kinds = [bool(line[1]) for line in lines]
@@ -541,16 +641,24 @@ def _parse_stl_text(data: bytes) -> Floats:
 
 
 def _read_gltf(file: Path) -> Surface:
-    """Read the triangles of a glTF scene, and check their number."""
+    """Read the triangles of a glTF scene.
+
+    Raises ContentError if their number is not the declared one.
+    """
     scene, declared = load_gltf_scene(file)
     vertices, faces = flatten_trimesh(scene, str(file)) if declared else join_surfaces([])
     if len(faces) != declared:
-        problem, rule = f"holds {declared} triangles but {len(faces)} were read", "none may be lost or made up"
-        raise ContentError(problem, rule, "write it again as binary STL", value=(declared, len(faces)))
+        raise ContentError(
+            f"holds {declared} triangles but {len(faces)} were read",
+            "none may be lost or made up",
+            "write it again as binary STL",
+            value=(declared, len(faces)),
+        )
     return vertices, faces
 
 
 def _read_ply(file: Path) -> Surface:
+    """Read the polygons of a PLY file as triangles."""
     vertices, corners, sizes = read_ply(file)
     return vertices, triangulate(vertices, corners, sizes)
 
@@ -564,16 +672,16 @@ _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
     ".gltf": _read_gltf,
     ".dae": read_collada,
 }
-"""Reader of each suffix."""
+"""Function that reads a file, by suffix."""
 
 MESH_SUFFIXES: Final = tuple(_READERS)
-"""Suffixes of the mesh formats."""
+"""Suffixes of the files that :func:`read_mesh` reads."""
 
 
 def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
-    """Return the joined vertices and faces of a trimesh object.
+    """Join the meshes of a trimesh object.
 
-    `name` is the argument that messages name.
+    Returns vertices, shape (V, 3), and faces, shape (F, 3). `name` is the argument that messages name.
 
     Raises InputError if it is of another type or a coordinate is not finite. Raises GeometryError if it has no
     triangles, or anything but triangles.
@@ -581,8 +689,8 @@ def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
     import trimesh
 
     if isinstance(shape, trimesh.Scene):
-        places = map(shape.graph.get, shape.graph.nodes_geometry)
-        parts = [(shape.geometry[part], transform) for transform, part in places]
+        placed = map(shape.graph.get, shape.graph.nodes_geometry)
+        parts = [(shape.geometry[part], transform) for transform, part in placed]
     elif isinstance(shape, trimesh.parent.Geometry):
         parts = [(shape, np.eye(4))]
     else:
@@ -591,11 +699,13 @@ def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
     surfaces = []
     for part, transform in parts:
         if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
-            what = "cloud of points" if isinstance(part, trimesh.PointCloud) else "part without triangles"
+            content = "cloud of points" if isinstance(part, trimesh.PointCloud) else "part without triangles"
             if len(parts) > 1:
-                problem, rule = f"has a {what} ({type(part).__name__}) among its meshes", "it would be lost"
-                raise GeometryError(name, problem, rule, "remove it, or pass the meshes alone", value=part)
-            raise _without_triangles(name, f"{what} ({type(part).__name__})")
+                problem = f"has a {content} ({type(part).__name__}) among its meshes"
+                raise GeometryError(
+                    name, problem, "it would be lost", "remove it, or pass the meshes alone", value=part
+                )
+            raise _without_triangles(name, f"{content} ({type(part).__name__})")
         points = check_finite(part.vertices, f"vertices of {name}")
         surfaces.append(transform_surface((points, np.asarray(part.faces, dtype=np.int64)), transform))
     if not surfaces:
@@ -603,8 +713,12 @@ def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
     return join_surfaces(surfaces)
 
 
-def _without_triangles(name: str, what: str) -> GeometryError:
-    if not what:
+def _without_triangles(name: str, content: str) -> GeometryError:
+    """Return the error for a mesh without triangles.
+
+    ``content`` says what it holds instead, or is empty.
+    """
+    if not content:
         return GeometryError(name, "is empty", "a mesh needs triangles", "check what was exported")
     hint = "use Workspace.from_points for points, or make a mesh of it first"
-    return GeometryError(name, f"is a {what}", "a mesh needs triangles", hint)
+    return GeometryError(name, f"is a {content}", "a mesh needs triangles", hint)

@@ -18,20 +18,20 @@ OVERLAPPING: Final = 1
 """Two open balls overlap."""
 
 TOUCHING: Final = 2
-"""Neither is proven; for single balls, rounding decides."""
+"""Neither is proven; single balls are within rounding of touching."""
 
 NODE_ROUNDING: Final = 1.0 + 2.0**-40
 """Factor by which the ball of a node grows, so that rounding cannot leave a ball outside."""
 
-MAX_PENDING_PAIRS: Final = 256
+MAX_PENDING_NODE_PAIRS: Final = 256
 """Capacity of the stack of pairs of nodes: four times the summed depth of two trees over 2^30 balls."""
 
 MIN_PLACEMENTS_PER_THREAD: Final = 2_000
-"""Placements below which a second thread does not pay."""
+"""Placements per thread below which a further thread costs more time than it saves."""
 
 
 class BallTree(NamedTuple):
-    """A binary tree of balls; compiled functions take this record.
+    """A binary tree of balls, for kernels.
 
     Attributes
     ----------
@@ -46,7 +46,11 @@ class BallTree(NamedTuple):
 
     @classmethod
     def of(cls, centers: Floats, radii: Floats) -> BallTree:
-        """Build the tree of balls with centers (n, d), metres; without balls, an empty tree."""
+        """Build the tree of a set of balls.
+
+        ``centers`` has shape (n, d), in the plane or in space, and ``radii`` (n,); metres. Without balls, the tree is
+        empty.
+        """
         if not len(centers):
             return cls(np.empty((0, 4)), np.empty(0, dtype=np.int64))
         from scipy.spatial import cKDTree
@@ -66,41 +70,48 @@ class BallTree(NamedTuple):
 
 @kernel
 def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
-    """Fill a tree with balls (n, 4), sorted so that halves are far apart; ``starts``, zeros, is scratch."""
+    """Fill a tree with sorted balls.
+
+    ``balls``, shape (n, 4), has centers and radii, in an order in which the halves of any node are far apart. Node k
+    gets the ball of ``nodes[k]`` and ``sizes[k]`` balls from ``starts[k]`` on; ``starts`` is scratch, zero on input.
+    """
     sizes[0] = len(balls)
-    for k in range(len(nodes)):
-        start, size = starts[k], sizes[k]
+    for node in range(len(nodes)):
+        start, size = starts[node], sizes[node]
         radius = balls[start, 3]
         if size == 1:
-            for along in range(3):
-                nodes[k, along] = balls[start, along]
+            for axis in range(3):
+                nodes[node, axis] = balls[start, axis]
         else:
-            for along in range(3):
+            # The center is that of the bounding box; the radius reaches beyond the farthest ball.
+            for axis in range(3):
                 low, high = math.inf, -math.inf
                 for n in range(start, start + size):
-                    low, high = min(low, balls[n, along] - balls[n, 3]), max(high, balls[n, along] + balls[n, 3])
-                nodes[k, along] = 0.5 * (low + high)
+                    low, high = min(low, balls[n, axis] - balls[n, 3]), max(high, balls[n, axis] + balls[n, 3])
+                nodes[node, axis] = 0.5 * (low + high)
             for n in range(start, start + size):
                 square = 0.0
-                for along in range(3):
-                    square += (balls[n, along] - nodes[k, along]) ** 2
+                for axis in range(3):
+                    square += (balls[n, axis] - nodes[node, axis]) ** 2
                 radius = max(radius, NODE_ROUNDING * (math.sqrt(square) + balls[n, 3]))
             half = size // 2
-            starts[k + 1], sizes[k + 1] = start, half
-            starts[k + 2 * half], sizes[k + 2 * half] = start + half, size - half
-        nodes[k, 3] = radius
+            starts[node + 1], sizes[node + 1] = start, half
+            starts[node + 2 * half], sizes[node + 2 * half] = start + half, size - half
+        nodes[node, 3] = radius
 
 
 @kernel
 def compare_placed(a: BallTree, b: BallTree, placement: Floats, slack: float, pending: Ints) -> int:
-    """Return APART, OVERLAPPING or TOUCHING for tree a, moved by ``placement`` (d,), and tree b.
+    """Return APART, OVERLAPPING or TOUCHING for two ball trees.
 
-    ``slack``, metres, bounds the rounding of a distance of two centers. ``pending`` is scratch, MAX_PENDING_PAIRS long.
+    Tree a is moved by ``placement``, shape (d,). ``slack``, metres, bounds the rounding of the distance between two
+    centers. ``pending`` is scratch of MAX_PENDING_NODE_PAIRS items.
     """
     x, y, z = placement[0], placement[1], 0.0
     if len(placement) == 3:
         z = placement[2]
     result, count = APART, min(1, len(a.sizes), len(b.sizes))
+    # A pair of nodes (i, j) is stored as one number, i in its upper half.
     pending[0] = 0
     while count > 0:
         count -= 1
@@ -113,33 +124,34 @@ def compare_placed(a: BallTree, b: BallTree, placement: Floats, slack: float, pe
         square, reach = dx * dx + dy * dy + dz * dz, a.nodes[i, 3] + b.nodes[j, 3]
         if square > (reach + slack) * (reach + slack):
             continue
-        m, n = a.sizes[i], b.sizes[j]
-        if m == 1 and n == 1:
+        size_a, size_b = a.sizes[i], b.sizes[j]
+        if size_a == 1 and size_b == 1:
             if reach > slack and square < (reach - slack) * (reach - slack):
                 return OVERLAPPING
             result = TOUCHING
-        elif n == 1 or (m > 1 and a.nodes[i, 3] > b.nodes[j, 3]):
-            pending[count], pending[count + 1] = (i + 1) << 32 | j, (i + 2 * (m // 2)) << 32 | j
+        # Replace the node with the larger ball by its two children.
+        elif size_b == 1 or (size_a > 1 and a.nodes[i, 3] > b.nodes[j, 3]):
+            pending[count], pending[count + 1] = (i + 1) << 32 | j, (i + 2 * (size_a // 2)) << 32 | j
             count += 2
         else:
-            pending[count], pending[count + 1] = i << 32 | (j + 1), i << 32 | (j + 2 * (n // 2))
+            pending[count], pending[count + 1] = i << 32 | (j + 1), i << 32 | (j + 2 * (size_b // 2))
             count += 2
     return result
 
 
 class ContactTest(NamedTuple):
-    """What decides whether body a, placed, and body b touch; compiled functions take this record.
+    """Ball trees that decide whether two bodies touch, for kernels.
 
     Attributes
     ----------
     outer_a, outer_b : BallTree
-        Balls of the bodies; they prove that the bodies are apart.
+        Balls that cover body a and body b; they prove that the bodies are apart.
     inner_a, inner_b : BallTree
-        Balls that prove that they overlap: those inside the bodies, the same balls, or none.
+        Balls that prove that the bodies overlap: balls inside them, the outer balls again, or none.
     half_sides : ndarray, shape (d,)
-        Largest moduli of placements, metres, at which the bodies can touch.
+        Largest absolute coordinates of placements, metres, at which the bodies can touch.
     slack : float
-        Bound of the rounding of a distance of two centers, metres, at such placements.
+        Bound of the rounding of the distance between two centers, metres, at such placements.
     """
 
     outer_a: BallTree
@@ -150,11 +162,14 @@ class ContactTest(NamedTuple):
     slack: float
 
     def evaluate(self, placements: Floats) -> Bytes:
-        """Return APART, OVERLAPPING or TOUCHING for each placement (n, d) of a, in threads."""
+        """Return APART, OVERLAPPING or TOUCHING for each placement of a.
+
+        ``placements`` has shape (n, d), metres, and the result shape (n,). Large batches run in threads.
+        """
         out = np.empty(len(placements), dtype=np.uint8)
 
         def work(start: int, stop: int) -> int:
-            pending = np.empty(MAX_PENDING_PAIRS, dtype=np.int64)
+            pending = np.empty(MAX_PENDING_NODE_PAIRS, dtype=np.int64)
             test_each(self, placements[start:stop], pending, out[start:stop])
             return -1
 
@@ -167,7 +182,10 @@ class ContactTest(NamedTuple):
 
 @kernel
 def test_each(test: ContactTest, placements: Floats, pending: Ints, out: Bytes) -> None:
-    """Test placements (n, d)."""
+    """Write APART, OVERLAPPING or TOUCHING for each placement of a.
+
+    ``placements`` has shape (n, d), ``out`` (n,). The outer trees are compared first; the inner trees decide the rest.
+    """
     for n in range(len(placements)):
         out[n] = APART
         inside = True
