@@ -14,7 +14,8 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
+from cspace.arms.inverse import PoseGoal
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
@@ -37,7 +39,17 @@ from planners.states import Configuration, check_space, kind_of
 if TYPE_CHECKING:
     from planners.integrals import CostDensity, Field
 
-Endpoints = tuple[Configuration, Configuration]
+Endpoints = tuple[Configuration, ...]
+"""A start and its goals, of which a path may end at any. Only arms have several goals."""
+
+Goals = ArrayLike | PoseGoal | Sequence[PoseGoal | ArrayLike]
+"""A goal of a plan, or several for an arm."""
+
+MAX_GOALS_PER_POSE: Final = 16
+"""Configurations at a pose that are goals of a search at once."""
+
+MAX_SOLUTIONS_PER_POSE: Final = 128
+"""Configurations at a pose that are tested before it counts as in collision."""
 
 MAX_RADIANS_PER_ROW: Final = math.radians(5.0)
 """Largest rotation between two rows of a resampled path, in radians (5 degrees)."""
@@ -254,6 +266,17 @@ class LocalPlanner(ABC):
 
         Raises ConfigurationError if no motion from it can be proven free, and InputError if it is no configuration.
         """
+
+    def find_goals(self, goal: Goals, start: Configuration, seed: int | None) -> list[tuple[Configuration, ArrayLike]]:
+        """Return the goals that a path from a start may end at, each checked and as given, the nearest first.
+
+        Raises errors as :meth:`check_endpoint`; also if an arm reaches none of the poses given, or collides there.
+        """
+        if isinstance(goal, PoseGoal):
+            rule, hint = "a map has no frames", "pass a configuration"
+            raise InputError("goal", f"is a pose of {goal.frame!r}", rule, hint, value=goal)
+        given = check_finite(goal, "goal")  # type: ignore[arg-type]  # pose goals are not numeric
+        return [(self.check_endpoint(given, "goal"), given)]
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Say which joints of a start or goal :meth:`check_endpoint` moves onto their limits; empty if none."""
@@ -746,7 +769,8 @@ class JointMotions(LocalPlanner):
     ) -> Floats:
         """Find a path by the arm's own search, "BiRRT", shape (n, size); the first one unless ``straight``."""
         searches = iterations if straight else 0
-        return self.space.find_path(*endpoints, straight=straight, iterations=searches, seed=seed, time_limit=seconds)
+        start, *goals = endpoints
+        return self.space.find_path(start, goals, straight=straight, iterations=searches, seed=seed, time_limit=seconds)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of motions in the joints, shape (n,)."""
@@ -799,6 +823,48 @@ class JointMotions(LocalPlanner):
         periodic = np.array(space.periodic_axes)
         point[periodic] = wrapped(point[periodic])
         return tuple(point.tolist())
+
+    def find_goals(self, goal: Goals, start: Configuration, seed: int | None) -> list[tuple[Configuration, ArrayLike]]:
+        """Return the goals that a path may end at: those of several that are proven free, also at poses."""
+        alternatives = _list_alternatives(goal)
+        goals, errors = list[tuple[Configuration, ArrayLike]](), list[ConfigurationError]()
+        for number, each in enumerate(alternatives):
+            name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
+            try:
+                if isinstance(each, PoseGoal):
+                    goals += self._goals_at_pose(each, name, start, seed)
+                else:
+                    goals.append((self.check_endpoint(each, name), each))
+            except ConfigurationError as error:
+                errors.append(error)
+        if not goals and len(alternatives) == 1:
+            raise errors[0]
+        if not goals:
+            problem, rule = f"has {len(alternatives)} alternatives, none of them proven free", "a path must end in FREE"
+            raise ConfigurationError("goal", problem, rule, str(errors[0]), value=goal, nearest=errors[0].nearest)
+        lengths = self.edge_lengths(np.array(start)[np.newaxis], np.array([checked for checked, _ in goals]))
+        return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
+
+    def _goals_at_pose(
+        self, goal: PoseGoal, name: str, start: Configuration, seed: int | None
+    ) -> list[tuple[Configuration, ArrayLike]]:
+        """Return configurations at a pose that are proven free, the nearest to the start first."""
+        space, contacts = self.space, Counter[tuple[str, str]]()
+        for count in (MAX_GOALS_PER_POSE, MAX_SOLUTIONS_PER_POSE):
+            points = space.arm._solve_pose(goal, name, start, count, seed or 0)
+            points = wrapped(points, space.periodic_axes)
+            free = points[np.asarray(space.is_free(points))].tolist()
+            if free:
+                return [(tuple(q), q) for q in free[:MAX_GOALS_PER_POSE]]
+        contacts.update(space.closest(q)[:2] for q in points)
+        ((link, other), number), *_ = contacts.most_common(1)
+        problem = (
+            f"has {len(points)} configurations that reach the pose, and none is proven free: "
+            f"{link} is in collision with {other}, or nearly so, in {number} of them"
+        )
+        hint = f"choose another pose, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
+        nearest = tuple(points[0].tolist())
+        raise ConfigurationError(name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest)
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Say which joints of a start or goal :meth:`check_endpoint` moves onto their limits; empty if none."""
@@ -967,6 +1033,16 @@ def local_planner(
         hint = "for a robot that turns on the spot, use drive='differential'"
         raise InputError("turning_radius", f"is {radius!r}", rule, hint, value=radius)
     return curves
+
+
+def _list_alternatives(goal: Goals) -> list[PoseGoal | ArrayLike]:
+    """Return the goals of an arm, one by one."""
+    if isinstance(goal, PoseGoal):
+        return [goal]
+    if isinstance(goal, Sequence) and any(isinstance(each, PoseGoal) for each in goal):
+        return list(goal)
+    rows = check_finite(goal, "goal")  # type: ignore[arg-type]
+    return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
 def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:

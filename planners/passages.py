@@ -80,7 +80,7 @@ class Passages:
         # A search for a chain takes two bytes a cell: its closed cells, and how each cell was reached.
         is_worthwhile = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= MAX_MEMORY_FRACTION * free_bytes()
         if self.edges.edge_checker()(*start, *goal) or not is_worthwhile:
-            return self.search.run(self.edges, start, goal, self.time_limit)
+            return self.search.run(self.edges, (start, goal), self.time_limit)
         space.is_free(np.array([start]), exact=True)  # fills caches of exact geometry, outside the limit
         return replace(self, began=clock())._alternate(start, goal, cells, needed)
 
@@ -99,10 +99,10 @@ class Passages:
         while True:
             last = self._left() - slot <= needed
             limit = max(self._left() if last else slot, 1e-3)
-            result = search.run(self.edges, start, goal, limit)
+            result = search.run(self.edges, (start, goal), limit)
             if len(result.path) and result.planning > 0.9 * limit and not (last or search.may_stop):
                 # A planner that goes on improving its path gets the rest of the time.
-                again = search.run(self.edges, start, goal, max(self._left(), 1e-3))
+                again = search.run(self.edges, (start, goal), max(self._left(), 1e-3))
                 result = again if len(again.path) else result
             if len(result.path) or last:
                 return replace(result, planning=clock() - self.began - result.simplification)
@@ -165,7 +165,7 @@ class Passages:
         if np.array_equal(first, last):
             return first[None]
         limit = max(min(limit, self._left()), 1e-3)
-        result = self.search.run(self.edges, tuple(first.tolist()), tuple(last.tolist()), limit)
+        result = self.search.run(self.edges, (tuple(first.tolist()), tuple(last.tolist())), limit)
         return result.path if len(result.path) else None
 
     def _cross(

@@ -35,6 +35,7 @@ from planners.local_planner import (
     ON_THE_SPOT,
     EdgesOnMap,
     Endpoints,
+    Goals,
     LocalPlanner,
     format_point,
     local_planner,
@@ -118,7 +119,7 @@ def choices(space: ConfigurationSpace) -> Choices:
 def plan(
     space: ConfigurationSpace,
     start: ArrayLike,
-    goal: ArrayLike,
+    goal: Goals,
     *,
     planner: str | None = None,
     time_limit: float = 1.0,
@@ -266,14 +267,17 @@ def plan(
         space, start, goal, planner, time_limit, iterations, simplify, seed, objective, exact, drive, turning_radius
     )
     exists = task.edges.prove_existence(task.endpoints)
-    subproblems = space._tile_subproblems(*task.endpoints) if task.edges.may_join(exists) else []
+    subproblems = space._tile_subproblems(*task.endpoints[:2]) if task.edges.may_join(exists) else []
     if exists or len(subproblems) > 1 or task.edges.exact:
         task = _prefer_built_in(task)
     result = _search_tile_by_tile(task, subproblems, exists)
     searched = time.perf_counter()
     status, hint = _describe_outcome(task, result, exists, bool(subproblems))
-    clamping = task.edges.explain_clamping(start, "start"), task.edges.explain_clamping(goal, "goal")
-    return _make_plan(task, result, exists, "; ".join(filter(None, (status, *clamping))), hint, began, searched)
+    reached = kind_of(space).reached_goal(result.path, task.endpoints) if len(result.path) else 0
+    given = zip((start, task.given_goals[max(reached, 1) - 1]), ("start", "goal"), strict=True)
+    clamping = [task.edges.explain_clamping(*each) for each in given]
+    status = "; ".join(filter(None, (status, *clamping)))
+    return _make_plan(task, result, reached, exists, status, hint, began, searched)
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,7 +289,9 @@ class _Task:
     edges : LocalPlanner
         Edges on the whole space.
     endpoints : tuple of configurations
-        Start and goal as OMPL holds them.
+        Start and goals as OMPL holds them, the nearest goal first.
+    given_goals : tuple of array-like
+        The goals as the user gave them.
     search : Search
         Search on the whole space; :meth:`search_on` adapts it to a part.
     objective : str or callable
@@ -298,6 +304,7 @@ class _Task:
 
     edges: LocalPlanner
     endpoints: Endpoints
+    given_goals: tuple[ArrayLike, ...]
     search: Search
     objective: str | MakeObjective
     time_limit: float
@@ -311,7 +318,7 @@ class _Task:
 def _check_arguments(
     space: ConfigurationSpace,
     start: ArrayLike,
-    goal: ArrayLike,
+    goal: Goals,
     planner: str | None,
     time_limit: float,
     iterations: int | None,
@@ -335,8 +342,9 @@ def _check_arguments(
         seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
     )
     limit = check_positive(time_limit, "time_limit", "seconds")
-    endpoints = edges.check_endpoint(start, "start"), edges.check_endpoint(goal, "goal")
-    task = _Task(edges, endpoints, search, objective, limit, planner is not None)
+    checked = edges.check_endpoint(start, "start")
+    goals, given_goals = zip(*edges.find_goals(goal, checked, search.seed), strict=True)
+    task = _Task(edges, (checked, *goals), given_goals, search, objective, limit, planner is not None)
     if name in BUILT_IN_SEARCHES:
         _check_built_in_search(task)
     return task
@@ -426,7 +434,7 @@ def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exi
     path, planning, simplification = np.empty((0, edges.space.size)), 0.0, 0.0
     for open_part, first, last in subproblems:
         part = replace(edges, space=open_part())
-        endpoints = tuple(first.tolist()), tuple(last.tolist())
+        endpoints = tuple(first.tolist()), tuple(last.tolist()), *task.endpoints[2:]
         search = task.search_on(part.space)
         result = _plan_subproblem(search, part, endpoints, exists, task.time_limit)
         if is_tiled and not len(result.path) and edges.drive == HOLONOMIC:
@@ -451,12 +459,12 @@ def _plan_subproblem(
     search: Search, edges: LocalPlanner, endpoints: Endpoints, exists: bool | None, limit: float
 ) -> SearchResult:
     """Search a path in a space in memory: by a built-in search, along a chain of cells, or by OMPL."""
-    if endpoints[0] == endpoints[1]:
+    if endpoints[0] in endpoints[1:]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
     if search.planner not in BUILT_IN_SEARCHES:
         if isinstance(edges, EdgesOnMap) and edges.follows_cells and edges.exact and exists is None:
-            return Passages(search, edges, limit).run(*endpoints)
-        return search.run(edges, *endpoints, limit, joined=exists is True)
+            return Passages(search, edges, limit).run(*endpoints[:2])
+        return search.run(edges, endpoints, limit, joined=exists is True)
     if search.planner == LATTICE and isinstance(edges, EdgesOnMap):
         result = _search_lattice(search, edges, endpoints, limit)
     else:
@@ -531,21 +539,28 @@ def _join_hints(hints: list[str]) -> str:
 
 
 def _make_plan(
-    task: _Task, result: SearchResult, exists: bool | None, status: str, hint: str, began: float, searched: float
+    task: _Task,
+    result: SearchResult,
+    reached: int,
+    exists: bool | None,
+    status: str,
+    hint: str,
+    began: float,
+    searched: float,
 ) -> Plan:
     """Make the plan of a search, with the measures of its path.
 
+    ``reached`` is the index of the goal among the endpoints, 0 if none was reached.
     ``began`` and ``searched`` are readings of ``time.perf_counter`` before the checks and after the search.
     """
     edges, search = task.edges, task.search
     waypoints = edges.breakpoints(result.path)
     solved = len(waypoints) > 0
     path, direction = edges.resample(waypoints)
-    start, goal = map(np.array, task.endpoints)
+    start, goal = np.array(task.endpoints[0]), np.array(task.endpoints[max(reached, 1)])
     for array in (path, waypoints, start, goal, direction):
         if array is not None:
             array.flags.writeable = False
-    ends_match = solved and kind_of(edges.space).are_equal(result.path[[0, -1]], np.array(task.endpoints))
     length, rotation = edges.measure(waypoints) if solved else (math.nan, math.nan)
     setup = searched - began - result.planning - result.simplification
     return Plan(
@@ -559,7 +574,7 @@ def _make_plan(
         distance_unit=edges.distance_unit,
         direction=direction,
         solved=solved,
-        certified=ends_match and result.proven,
+        certified=reached > 0 and result.proven,
         status=status,
         hint=hint,
         length=length,

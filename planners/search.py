@@ -32,7 +32,7 @@ from planners.catalogue import (
     make_planner,
     planner_named,
 )
-from planners.local_planner import EdgesOnMap, LocalPlanner
+from planners.local_planner import EdgesOnMap, Endpoints, LocalPlanner
 from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, make_setup, narrow_bounds
 from planners.states import Configuration, StateKind, kind_of
@@ -196,16 +196,16 @@ class Search:
     def run(
         self,
         edges: LocalPlanner,
-        start: Configuration,
-        goal: Configuration,
+        endpoints: Endpoints,
         time_limit: float,
         *,
         joined: bool = False,
     ) -> SearchResult:
-        """Search a path between two configurations from which motions can be proven free.
+        """Search a path between configurations from which motions can be proven free.
 
-        The limit, in seconds, covers the search and the simplification, but neither caches of the map nor compilation.
-        If FREE cells are known to join start and goal (``joined``), the search stays in the box around their component.
+        The goals are sorted by their distance from the start. The limit, in seconds, covers the search and the
+        simplification, but neither caches of the map nor compilation. If FREE cells are known to join start and goal
+        (``joined``), the search stays in the box around their component.
         """
         with _silence():
             if self.seed is not None:
@@ -214,12 +214,13 @@ class Search:
             if self.planner in BIDIRECTIONAL_BY_DRIVE.get(edges.drive, ()):
                 edges = replace(edges, bidirectional=True)
             setup = make_setup(edges, None if self.planner in THREADED_PLANNERS else self.objective)
+            start, goal, *_ = endpoints
             if self._is_shortest(edges, setup, start, goal):
                 path = kind_of(edges.space).unwind(np.array([start, goal]))
                 return SearchResult(path, NO_SEARCH)
             if joined and isinstance(edges, EdgesOnMap) and not edges.exact:
                 narrow_bounds(setup, edges, start)
-            return _Run(self, edges, setup).solve(start, goal, time_limit)
+            return _Run(self, edges, setup, endpoints).solve(time_limit)
 
     def _is_shortest(
         self, edges: LocalPlanner, setup: og.SimpleSetup, start: Configuration, goal: Configuration
@@ -238,8 +239,8 @@ class Search:
 class _Run:
     """One search: OMPL's objects, and the callbacks that a deadline overrides."""
 
-    def __init__(self, search: Search, edges: LocalPlanner, setup: og.SimpleSetup) -> None:
-        self._search, self._edges, self._setup = search, edges, setup
+    def __init__(self, search: Search, edges: LocalPlanner, setup: og.SimpleSetup, endpoints: Endpoints) -> None:
+        self._search, self._edges, self._setup, self._endpoints = search, edges, setup, endpoints
         self._kind: StateKind = kind_of(edges.space)
         si = setup.getSpaceInformation()
         self._refusing: list[Callbacks] = [setup.getStateValidityChecker(), si.getMotionValidator()]
@@ -247,13 +248,20 @@ class _Run:
         raising = [*self._refusing, *([objective] if hasattr(objective, "_override") else [])]
         self._raising: list[Callbacks] = [] if search.planner in THREADED_PLANNERS else raising
 
-    def solve(self, start: Configuration, goal: Configuration, time_limit: float) -> SearchResult:
+    def solve(self, time_limit: float) -> SearchResult:
         """Search a path and simplify it, within the time limit in seconds."""
         setup, states = self._setup, []
-        for end in (start, goal):
+        for end in self._endpoints:
             states.append(setup.getStateSpace().allocState())
             self._kind.write(states[-1], *end)
-        setup.setStartAndGoalStates(*states)
+        if len(states) == 2:
+            setup.setStartAndGoalStates(*states)
+        else:
+            goals = ob.GoalStates(setup.getSpaceInformation())
+            for state in states[1:]:
+                goals.addState(state)
+            setup.setStartState(states[0])
+            setup.setGoal(goals)
         began, note, objective = clock(), "", setup.getOptimizationObjective()
         with Deadline(time_limit, self._refusing, self._raising) as deadline:
             initial = self._find_initial_path(deadline)
@@ -276,7 +284,7 @@ class _Run:
         planning = clock() - began
         left = time_limit + GRACE_SECONDS - planning
         if not setup.haveExactSolutionPath():
-            return SearchResult(np.empty((0, len(start))), note, planning)
+            return SearchResult(np.empty((0, len(self._endpoints[0]))), note, planning)
         path = self._rows(setup.getSolutionPath())
         if not self._search.simplify:
             return SearchResult(path, note, planning)
@@ -404,7 +412,7 @@ class _Run:
             return fallback
         solution = setup.getSolutionPath()
         simple = self._rows(solution)
-        if not self._kind.are_equal(simple[[0, -1]], path[[0, -1]]) or not edges.are_free(simple):
+        if not self._kind.reached_goal(simple, self._endpoints) or not edges.are_free(simple):
             return fallback
         if weighs:
             return (

@@ -67,6 +67,13 @@ class StateKind:
             (np.abs(shorter(first - second, self.periodic_axes)) <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all()
         )
 
+    def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
+        """Return the index of the endpoint at which a path from the first one ends; 0 if at none."""
+        if not self.are_equal(path[0], np.array(endpoints[0])):
+            return 0
+        ends = (k for k, goal in enumerate(endpoints) if k and self.are_equal(path[-1], np.array(goal)))
+        return next(ends, 0)
+
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
     """Return the conversions between a space's configurations and OMPL's states.
