@@ -111,7 +111,8 @@ class ConfigurationError(InputError):
     Attributes
     ----------
     nearest : tuple of float or None
-        Nearest FREE configuration, if the map has one.
+        Nearest FREE configuration, if the map has one; for a pose out of reach, the configuration with the nearest pose
+        reached.
     """
 
     def __init__(

@@ -167,16 +167,19 @@ def plan(
 
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
     planner, sampler and simplifier made afterwards draws its own seed. So the same call with the same seed gives the
-    same path, in any process and after any other plans. Exceptions are searches that the clock ends (give
-    ``iterations`` to planners that use up the time limit), PRM and PRMstar, which search in a second thread, and OMPL
-    used by other threads at the same time.
+    same path, in any process and after any other plans; it also sets the random starts of poses. Exceptions are
+    searches that the clock ends (give ``iterations`` to planners that use up the time limit), PRM and PRMstar, which
+    search in a second thread, and OMPL used by other threads at the same time.
 
     Parameters
     ----------
     space : CSpace, TiledCSpace or ArmSpace
     start, goal : array-like, shape (size,)
         Configurations: one number for each joint of an arm, or ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
-        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped.
+        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
+        also be a :class:`cspace.PoseGoal`, or a choice of goals: several configurations, shape (n, size), or a list
+        with pose goals. Goals that are not proven free are dropped, and the path ends at one of the others,
+        :attr:`Plan.goal`.
     planner : str, optional
         Name of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search, in upper or lower case. The
         default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
@@ -238,7 +241,8 @@ def plan(
     ConfigurationError
         If start or goal lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; with
         ``exact``, if the geometry does not prove it free either. The message names the nearest FREE configuration,
-        which is also the error's ``nearest``.
+        which is also the error's ``nearest``. Also if no configuration found for a pose is within its tolerance, in
+        which case the message says how far the nearest pose reached is, or if all that were found collide.
     InputError
         If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown; the planner
         does not support ``objective``, ``iterations`` or ``drive``; the objective is "overlap" and the map carries no

@@ -75,7 +75,7 @@ class Plan:
         to drive: straight edges join them, so that :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
     start, goal : ndarray of float64, shape (size,), read-only
         Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1, the joints of an arm
-        within their limits.
+        within their limits. Of several goals, the one that the path reaches, or if not solved the nearest.
     axes : tuple of str
         Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
     units : tuple of str
@@ -204,8 +204,9 @@ class Plan:
         It holds for all paths from start to goal, in the unit of :attr:`length`. A radian of rotation counts as half a
         metre, but along curves nothing. On a map, the bound comes from :meth:`cspace.CSpace.min_path_length` and the
         rotation between start and goal. In a store it is the straight distance, and for an arm the distance in the
-        joints, continuous ones the shorter way. It holds for the obstacles as they are now, and for a robot that may
-        move in any direction. NaN if not solved. Computed at each access.
+        joints, continuous ones the shorter way; of several goals, to the one that the path reaches. It holds for the
+        obstacles as they are now, and for a robot that may move in any direction. NaN if not solved. Computed at each
+        access.
         """
         edges = self._edges
         return edges.min_length(self.start, self.goal) if edges else self._lower_bound

@@ -137,7 +137,7 @@ def random_chain(folder: Path, seed: int, count: int) -> Path:
 
 def pose_of(path: Path, frame: str, values: Mapping[str, float]) -> np.ndarray:
     """Return the pose of a link in the root of a URDF, read and computed without the library."""
-    joints = {each.find("child").get("link"): each for each in ET.parse(path).iter("joint")}  # type: ignore[union-attr]
+    joints = {each.find("child").get("link"): each for each in ET.parse(path).findall("joint")}  # type: ignore[union-attr]
     pose = np.eye(4)
     while frame in joints:
         each = joints[frame]

@@ -24,6 +24,7 @@ from benchmarks.suites.arm_peers import (
     check_discrete,
     solve_by_ompl,
 )
+from benchmarks.suites.arm_poses import run_poses
 from benchmarks.timing import Timing
 from cspace.arms import Arm, ArmSpace
 from cspace.arrays import Floats
@@ -56,7 +57,8 @@ OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
 def run(report: Report, seed: int) -> None:
-    """Compare paths, then motions, of each arm."""
+    """Reach poses; then compare paths and motions of each arm."""
+    run_poses(report, seed)
     folder = inputs.data_folder()
     if folder is None or not (folder / "arms").is_dir():
         report.note(inputs.NO_DATA)
