@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 Endpoints = tuple[Configuration, ...]
 """A start and its goals, of which a path may end at any. Only arms have several goals."""
 
-Goals = ArrayLike | PoseGoal | Sequence[PoseGoal | ArrayLike]
+GoalLike = ArrayLike | PoseGoal | Sequence[PoseGoal | ArrayLike]
 """A goal of a plan, or several for an arm."""
 
 MAX_GOALS_PER_POSE: Final = 16
@@ -267,7 +267,9 @@ class LocalPlanner(ABC):
         Raises ConfigurationError if no motion from it can be proven free, and InputError if it is no configuration.
         """
 
-    def find_goals(self, goal: Goals, start: Configuration, seed: int | None) -> list[tuple[Configuration, ArrayLike]]:
+    def find_goals(
+        self, goal: GoalLike, start: Configuration, seed: int | None
+    ) -> list[tuple[Configuration, ArrayLike]]:
         """Return the goals that a path from a start may end at, each checked and as given, the nearest first.
 
         Raises errors as :meth:`check_endpoint`; also if an arm reaches none of the poses given, or collides there.
@@ -824,7 +826,9 @@ class JointMotions(LocalPlanner):
         point[periodic] = wrapped(point[periodic])
         return tuple(point.tolist())
 
-    def find_goals(self, goal: Goals, start: Configuration, seed: int | None) -> list[tuple[Configuration, ArrayLike]]:
+    def find_goals(
+        self, goal: GoalLike, start: Configuration, seed: int | None
+    ) -> list[tuple[Configuration, ArrayLike]]:
         """Return the goals that a path may end at: those of several that are proven free, also at poses."""
         alternatives = _list_alternatives(goal)
         goals, errors = list[tuple[Configuration, ArrayLike]](), list[ConfigurationError]()
@@ -1035,7 +1039,7 @@ def local_planner(
     return curves
 
 
-def _list_alternatives(goal: Goals) -> list[PoseGoal | ArrayLike]:
+def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:
     """Return the goals of an arm, one by one."""
     if isinstance(goal, PoseGoal):
         return [goal]

@@ -35,7 +35,7 @@ from planners.local_planner import (
     ON_THE_SPOT,
     EdgesOnMap,
     Endpoints,
-    Goals,
+    GoalLike,
     LocalPlanner,
     format_point,
     local_planner,
@@ -119,7 +119,7 @@ def choices(space: ConfigurationSpace) -> Choices:
 def plan(
     space: ConfigurationSpace,
     start: ArrayLike,
-    goal: Goals,
+    goal: GoalLike,
     *,
     planner: str | None = None,
     time_limit: float = 1.0,
@@ -322,7 +322,7 @@ class _Task:
 def _check_arguments(
     space: ConfigurationSpace,
     start: ArrayLike,
-    goal: Goals,
+    goal: GoalLike,
     planner: str | None,
     time_limit: float,
     iterations: int | None,

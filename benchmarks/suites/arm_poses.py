@@ -25,7 +25,7 @@ MIN_REACHED_SHARE = 0.99
 MAX_POSE_SECONDS = 5e-3
 """Target: largest median time of a pose, seconds."""
 
-TOLERANCE = 1e-4, 1e-3
+POSE_TOLERANCE = 1e-4, 1e-3
 """Largest distance and angle of solutions from a pose, metres and radians."""
 
 DATA_ARMS = {"panda": "panda_hand", "ur5": "tool0"}
@@ -99,7 +99,7 @@ def _without_geometry(path: Path, folder: Path) -> Path:
 
 def _solve(arm: Arm, frame: str, pose: Floats, number: int) -> Floats | None:
     try:
-        return arm.inverse(frame, pose, tolerance=TOLERANCE, max_solutions=number)
+        return arm.inverse(frame, pose, tolerance=POSE_TOLERANCE, max_solutions=number)
     except ConfigurationError:
         return None
 
@@ -116,8 +116,8 @@ def _reach(report: Report, arm: Arm, path: Path, frame: str, poses: list[Floats]
         for q in found.tolist():
             theirs = pose_of(path, frame, dict(zip(arm.joints, q, strict=True)))
             cosine = 0.5 * (float(np.trace(theirs[:3, :3].T @ pose[:3, :3])) - 1.0)
-            right &= bool(np.linalg.norm(theirs[:3, 3] - pose[:3, 3]) <= TOLERANCE[0] + 1e-9)
-            right &= cosine >= np.cos(TOLERANCE[1]) - 1e-9
+            right &= bool(np.linalg.norm(theirs[:3, 3] - pose[:3, 3]) <= POSE_TOLERANCE[0] + 1e-9)
+            right &= cosine >= np.cos(POSE_TOLERANCE[1]) - 1e-9
         right &= bool(((found >= arm.lower) & (found <= arm.upper)).all())
     name = "one configuration" if number == 1 else f"up to {number} configurations"
     report.timing(name, timing, p99=f"{1e3 * np.quantile(timing.seconds, 0.99):.3g} ms")

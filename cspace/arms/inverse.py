@@ -219,13 +219,13 @@ class PoseSolutions(NamedTuple):
 
 
 @kernel
-def measure_pose(problem: PoseProblem, q: Floats, s: PoseScratch, error: Floats) -> tuple[float, float, float]:
+def measure_pose(problem: PoseProblem, q: Floats, scratch: PoseScratch, error: Floats) -> tuple[float, float, float]:
     """Write the weighted error of the frame's pose.
 
     Returns its distance in metres, its angle in radians, and the squared error.
     """
-    forward_kinematics(problem.chain, q, q, 0.0, s.poses)
-    body, tip, tool, target = s.poses[len(s.poses) - 1], s.tip, problem.tool, problem.target
+    forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
+    body, tip, tool, target = scratch.poses[len(scratch.poses) - 1], scratch.tip, problem.tool, problem.target
     square = 0.0
     for i in range(3):
         for j in range(4):
@@ -254,15 +254,15 @@ def measure_pose(problem: PoseProblem, q: Floats, s: PoseScratch, error: Floats)
 
 
 @kernel
-def fill_jacobian(problem: PoseProblem, s: PoseScratch) -> None:
+def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
     """Write the derivative of the weighted error, from the poses that :func:`measure_pose` left."""
-    chain, jacobian, weights = problem.chain, s.jacobian, problem.weights
+    chain, jacobian, weights = problem.chain, scratch.jacobian, problem.weights
     for i in range(6):
         for k in range(jacobian.shape[1]):
             jacobian[i, k] = 0.0
-    tip = column(s.tip, 3)
+    tip = column(scratch.tip, 3)
     for b in range(1, len(chain.parents)):
-        k, factor, pose = chain.joint_indices[b], chain.factors[b], s.poses[b]
+        k, factor, pose = chain.joint_indices[b], chain.factors[b], scratch.poses[b]
         u = rotate(pose_rotation(pose), row_at(chain.axes[b], 0))
         if chain.kinds[b] == REVOLUTE:
             moment = cross(u, minus(tip, column(pose, 3)))
@@ -275,9 +275,9 @@ def fill_jacobian(problem: PoseProblem, s: PoseScratch) -> None:
 
 
 @kernel
-def take_step(problem: PoseProblem, q: Floats, s: PoseScratch, damping: float) -> None:
-    """Write the configuration after a step to ``s.trial``."""
-    jacobian, system, error = s.jacobian, s.system, s.errors[0]
+def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: float) -> None:
+    """Write the configuration after a step to ``scratch.trial``."""
+    jacobian, system, error = scratch.jacobian, scratch.system, scratch.errors[0]
     for i in range(6):
         for j in range(i + 1):
             system[i, j] = 0.0
@@ -313,25 +313,25 @@ def take_step(problem: PoseProblem, q: Floats, s: PoseScratch, damping: float) -
         step = 0.0
         for i in range(6):
             step -= jacobian[i, k] * system[i, 6]
-        s.trial[k] = min(max(q[k] + step, problem.lower[k]), problem.upper[k])
+        scratch.trial[k] = min(max(q[k] + step, problem.lower[k]), problem.upper[k])
 
 
 @kernel
-def descend(problem: PoseProblem, q: Floats, s: PoseScratch) -> tuple[float, float, float]:
+def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[float, float, float]:
     """Move a configuration to a pose, or to a local minimum of the error.
 
     Returns distance, angle and squared error.
     """
-    distance, angle, cost = measure_pose(problem, q, s, s.errors[0])
+    distance, angle, cost = measure_pose(problem, q, scratch, scratch.errors[0])
     factor, slow = FIRST_DAMPING, 0
     for _ in range(MAX_STEPS):
         if distance <= problem.enough[0] and angle <= problem.enough[1]:
             break
-        fill_jacobian(problem, s)
+        fill_jacobian(problem, scratch)
         better, new_distance, new_angle, new_cost = False, distance, angle, cost
         for _ in range(MAX_REJECTED_STEPS):
-            take_step(problem, q, s, factor * cost + 1e-14)
-            new_distance, new_angle, new_cost = measure_pose(problem, s.trial, s, s.errors[1])
+            take_step(problem, q, scratch, factor * cost + 1e-14)
+            new_distance, new_angle, new_cost = measure_pose(problem, scratch.trial, scratch, scratch.errors[1])
             better = new_cost < cost
             if better:
                 break
@@ -341,9 +341,9 @@ def descend(problem: PoseProblem, q: Floats, s: PoseScratch) -> tuple[float, flo
         slow = slow + 1 if new_cost > SLOW_DECREASE * cost else 0
         distance, angle, cost = new_distance, new_angle, new_cost
         for k in range(len(q)):
-            q[k] = s.trial[k]
+            q[k] = scratch.trial[k]
         for i in range(6):
-            s.errors[0, i] = s.errors[1, i]
+            scratch.errors[0, i] = scratch.errors[1, i]
         factor = max(factor * DAMPING_DECREASE, MIN_DAMPING)
         if slow >= problem.max_slow_steps:
             break
@@ -351,13 +351,13 @@ def descend(problem: PoseProblem, q: Floats, s: PoseScratch) -> tuple[float, flo
 
 
 @kernel
-def descend_from(problem: PoseProblem, starts: Floats, s: PoseScratch, errors: Floats, wanted: int) -> int:
+def descend_from(problem: PoseProblem, starts: Floats, scratch: PoseScratch, errors: Floats, wanted: int) -> int:
     """Move starts, shape (n, k), to a pose until ``wanted`` of them reach it.
 
     ``errors``, shape (n, 3), gets their distances, angles and squared errors. Returns the number of starts used.
     """
     for n in range(len(starts)):
-        distance, angle, cost = descend(problem, starts[n], s)
+        distance, angle, cost = descend(problem, starts[n], scratch)
         errors[n, 0], errors[n, 1], errors[n, 2] = distance, angle, cost
         wanted -= distance <= problem.tolerance[0] and angle <= problem.tolerance[1]
         if wanted <= 0:
