@@ -1,8 +1,9 @@
-"""The bump, a radial function for the descriptors of balls: its Fourier transform and integrals of products.
+"""The bump of ball descriptors, its Fourier transform, and integrals of products of two bumps.
 
-All integrals are trapezoidal sums in u with ``s = 1 / (1 + exp(-pi sinh(u)))`` (H. Takahasi and M. Mori, "Double
-exponential formulas for numerical integration", 1974). They converge geometrically if the function is smooth inside an
-interval, whatever it does at the ends: the cusp of a bump at 0, a steep flank next to 1, or a jump.
+The bump is a radial function. All integrals are trapezoidal sums in u with ``s = 1 / (1 + exp(-pi sinh(u)))`` (H.
+Takahasi and M. Mori, "Double exponential formulas for numerical integration", 1974). They converge geometrically if the
+function is smooth inside an interval, even if it has a singularity at an end: the cusp of a bump at 0, a steep flank
+next to 1, or a jump.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from cspace.check import check_finite, check_not_negative, check_positive, check
 from cspace.errors import CspaceError, InputError
 
 Radial = Callable[[Floats], Floats]
+"""Function of the distance from the center, in radii."""
 
 MIN_TOLERANCE: Final = 1e-13
-"""Smallest tolerance of a table, relative to the largest value; smaller ones are below the rounding of float64."""
+"""Smallest tolerance of a table, relative to the largest value, because of rounding."""
 
 
 MAX_TOLERANCE: Final = 0.1
@@ -42,17 +44,18 @@ MAX_ALPHA: Final = 1e4
 
 
 MAX_RADIAL_FREQUENCY: Final = 1e5
-"""Largest frequency of a spectrum, cycles per radius; up to here, rounded phases are right to 1e-10 radians."""
+"""Largest frequency of a spectrum, cycles per radius; up to it, rounded phases are accurate to 1e-10 radians."""
 
 
 PAIR_TOLERANCE: Final = 1e-9
-"""Relative error of the integral of a pair."""
+"""Relative error of the integral of the product of two bumps."""
 
 
 PAIR_FLOOR: Final = 1e-60
-"""Absolute error of the integral of a pair, relative to ``radius^dim`` of the smaller ball.
+"""Absolute error of the integral of the product of two bumps, relative to ``radius^dim`` of the smaller ball.
 
-Smaller integrals depend on the last bits of the radii."""
+Smaller integrals depend on the last bits of the radii.
+"""
 
 
 BATCH_RULE_SIZES: Final = (26, 32)
@@ -63,13 +66,13 @@ SAFETY_FACTOR: Final = 4.0
 """Factor by which measured errors are enlarged before proofs use them."""
 
 MAX_SINGLE_PAIRS: Final = 8
-"""Pairs up to which each is integrated individually, to ``PAIR_TOLERANCE``."""
+"""Number of pairs up to which each pair is integrated individually, to ``PAIR_TOLERANCE``."""
 
 PAIR_RULE_SIZES: Final = (48, 96, 192, 384)
-"""Node counts tried for the integral of a pair, until two successive rules agree."""
+"""Node counts tried for the integral of a product, until two successive rules agree."""
 
 MAX_ABSCISSA: Final = 3.3
-"""Largest modulus of u in a sum; nodes beyond it are within 1e-18 of the ends of the interval."""
+"""Largest modulus of u in a sum; nodes beyond it lie within 1e-18 of the ends of the interval."""
 
 
 MIN_TRANSFORM_NODES: Final = 160
@@ -78,29 +81,29 @@ MIN_TRANSFORM_NODES: Final = 160
 
 
 KERNEL_VALUES_PER_CHUNK: Final = 2**21
-"""Values of the transform kernel held at once."""
+"""Number of values of the transform kernel that are held in memory at once."""
 
 PRODUCT_VALUES_PER_CHUNK: Final = 2**14
-"""Values of a product held at once, so that they fit into the cache."""
+"""Number of values of a product that are held at once, so that they fit into the cache."""
 
 TABLE_HALF_WIDTH: Final = 0.5
 """Half the width of a table interval, cycles per radius."""
 
 MAX_SERIES_ANGLE: Final = 0.25
-"""Angle in radians up to which the series of ``x - sin(x)`` is more accurate than the difference."""
+"""Angle, radians, up to which the series of ``x - sin(x)`` is more accurate than the difference."""
 
 FREQUENCY_SLACK: Final = 1e-9
-"""Relative rounding by which a frequency may lie above its table."""
+"""Relative rounding error by which a frequency may lie above its table."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bump:
-    """``psi(x) = exp(1 / (1 - |x|^-alpha))`` for ``0 < |x| < 1``, 1 at 0, and 0 from ``|x| = 1`` on.
+    """Radial function that is positive in a ball.
 
-    The bump is positive in the open unit ball and zero elsewhere. In float64 it underflows in a layer at the boundary,
-    at most ``1 / (745 alpha)`` of the radius thick. It is smooth except at the center, where it is as smooth as
-    ``|x|^alpha``. A ball of radius r around p has the descriptor ``psi((x - p) / r)`` (Lysenko, 2013; Behandish and
-    Ilies, 2016).
+    It is ``psi(x) = exp(1 / (1 - |x|^-alpha))`` for ``0 < |x| < 1``, 1 at 0, and 0 from ``|x| = 1`` on. In float64 it
+    underflows in a layer at the boundary, at most ``1 / (745 alpha)`` of the radius thick. It is smooth except at the
+    center, where it is as smooth as ``|x|^alpha``. A ball of radius r around p has the descriptor ``psi((x - p) / r)``
+    (Lysenko, 2013; Behandish and Ilies, 2016).
 
     Parameters
     ----------
@@ -126,11 +129,16 @@ class Bump:
 
     @property
     def is_indicator(self) -> bool:
-        """True if the bump is the indicator of the open ball."""
+        """Whether the bump is 1 in the whole ball.
+
+        It is then the indicator of the open ball.
+        """
         return self.alpha == math.inf
 
     def profile(self, distance: ArrayLike) -> Floats:
-        """Evaluate the bump at distances in radii, of any shape.
+        """Evaluate the bump at distances in radii.
+
+        They may have any shape.
 
         Raises InputError if a distance is negative or not finite.
         """
@@ -146,11 +154,11 @@ class Bump:
             return np.asarray(np.exp(-1.0 / powers))
 
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
-        """Compute the Fourier transform of the bump of radius 1.
+        """Compute the Fourier transform of the bump.
 
-        The transform is ``integral psi(x) exp(-2 pi i w.x) dx``. A bump of radius r has ``r^dim`` times this value at
-        ``k = r |w|``. ``frequency``, shape (...), is in cycles per radius, from 0 to 1e5; ``dim`` is 2 or 3. The error
-        is at most 1e-13 of the value at 0.
+        The transform is ``integral psi(x) exp(-2 pi i w.x) dx``, for radius 1. A bump of radius r has ``r^dim`` times
+        this value at ``k = r |w|``. ``frequency``, shape (...), is in cycles per radius, from 0 to 1e5; ``dim`` is 2 or
+        3. The error is at most 1e-13 of the value at 0.
 
         Raises InputError for other frequencies or dimensions.
         """
@@ -159,10 +167,10 @@ class Bump:
         return radial_transform(self.values, k, dim)
 
     def table(self, dim: int, max_frequency: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
-        """Return a function that interpolates :meth:`radial_spectrum` at any number of frequencies.
+        """Return a function that interpolates :meth:`radial_spectrum`.
 
-        ``tolerance``, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError if a value is not usable; the
-        returned function raises it for frequencies above ``max_frequency``.
+        It accepts any number of frequencies. ``tolerance``, from 1e-13 to 0.1, is relative to the value at 0. Raises
+        InputError if a value is not usable; the returned function raises it for frequencies above ``max_frequency``.
         """
         within = check_tolerance(tolerance)
         check_word(dim, "dim", (2, 3))
@@ -170,53 +178,64 @@ class Bump:
         return _table(self, dim, math.ceil(_check_frequency(highest, "max_frequency")), within)
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
-        """Integrate ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
+        """Integrate the product of two bumps.
 
-        The integral decreases with the distance, because both functions are radially symmetric and decreasing. Radii
-        and ``distance``, between the centers, are in metres. The result, metres to the power ``dim``, has a relative
-        error of 1e-9 or an absolute error of 1e-60 of the smaller ball. It is 0 if the distance reaches the sum of the
-        radii, or if it underflows.
+        The integral is that of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space. The integral
+        decreases with the distance, because both functions are radially symmetric and decreasing. Radii and
+        ``distance``, between the centers, are in metres. The result, metres to the power ``dim``, has a relative error
+        of 1e-9 or an absolute error of 1e-60 of the smaller ball. It is 0 if the distance reaches the sum of the radii,
+        or if it underflows.
 
         Raises InputError if a value is not usable, and CspaceError if the quadrature does not converge.
         """
-        a, b = (np.array([check_positive(*named)]) for named in ((first, "first"), (second, "second")))
+        first_radius, second_radius = (
+            np.array([check_positive(*named)]) for named in ((first, "first"), (second, "second"))
+        )
         gap = np.array([check_not_negative(distance, "distance")])
         check_word(dim, "dim", (2, 3))
         if self.is_indicator:
-            return float(lens_measure(a, b, gap, dim)[0])
-        if gap[0] >= a[0] + b[0]:
+            return float(lens_measure(first_radius, second_radius, gap, dim)[0])
+        if gap[0] >= first_radius[0] + second_radius[0]:
             return 0.0
-        last = math.nan
+        previous = math.nan
         for count in PAIR_RULE_SIZES:
-            value = float(product_integrals(self.values, a, b, gap, dim, count)[0])
-            if abs(value - last) <= PAIR_TOLERANCE * max(value, PAIR_FLOOR * min(a[0], b[0]) ** dim):
+            value = float(product_integrals(self.values, first_radius, second_radius, gap, dim, count)[0])
+            if abs(value - previous) <= PAIR_TOLERANCE * max(
+                value, PAIR_FLOOR * min(first_radius[0], second_radius[0]) ** dim
+            ):
                 return value
-            last = value
+            previous = value
         rule = "the integral of the two bumps must converge"
         raise CspaceError("distance", f"is {distance!r}", rule, "please report it", value=distance)
 
 
 def check_bump(bump: Any) -> Bump:
-    """Return the bump, or ``Bump()`` for None; raise InputError for anything else."""
+    """Return the bump, or ``Bump()`` for None.
+
+    Raises InputError for anything else.
+    """
     if bump is not None and not isinstance(bump, Bump):
         raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump)
     return Bump() if bump is None else bump
 
 
-def check_tolerance(tolerance: Any, least: float = MIN_TOLERANCE) -> float:
-    """Return a relative tolerance from ``least`` to 0.1.
+def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> float:
+    """Return a relative tolerance from ``min_tolerance`` to 0.1.
 
     Raises InputError for anything else.
     """
     value = check_finite(tolerance, "tolerance")
-    if value.ndim or not least <= value <= MAX_TOLERANCE:
-        rule = f"it must be one number from {least:g} to {MAX_TOLERANCE:g}, relative to the largest value"
+    if value.ndim or not min_tolerance <= value <= MAX_TOLERANCE:
+        rule = f"it must be one number from {min_tolerance:g} to {MAX_TOLERANCE:g}, relative to the largest value"
         raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9", value=tolerance)
     return float(value)
 
 
 def _check_not_negative(values: ArrayLike, name: str) -> Floats:
-    """Return finite numbers of any shape; raise InputError if one is negative."""
+    """Return finite numbers of any shape as floats.
+
+    Raises InputError if one is negative.
+    """
     array = check_finite(values, name)
     if (array < 0.0).any():
         raise InputError(name, f"holds {array.min():g}", "none may be below zero", "pass the modulus", value=values)
@@ -224,7 +243,7 @@ def _check_not_negative(values: ArrayLike, name: str) -> Floats:
 
 
 def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
-    """Return frequencies as floats.
+    """Return frequencies, cycles per radius, as floats.
 
     Raises InputError if one is negative or too high.
     """
@@ -238,15 +257,18 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
 
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> RadialTable:
-    """Compute the table of a bump, or return a recent one."""
+    """Compute the table of a bump, or reuse it.
+
+    Tables of recent calls are cached.
+    """
     return RadialTable(radial_transform(bump.values, table_points(max_frequency, 0.5 * tolerance), dim), max_frequency)
 
 
 @lru_cache(maxsize=16)
 def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
-    """Return ``2 count + 1`` nodes and weights of the quadrature on [0, 1].
+    """Return nodes and weights of a quadrature on [0, 1].
 
-    The central node is 1/2.
+    There are ``2 count + 1`` of each. The central node is 1/2.
     """
     u = MAX_ABSCISSA / count * np.arange(-count, count + 1)
     down = np.exp(-math.pi * np.sinh(u))
@@ -268,13 +290,17 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
         triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
         values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
         return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + PAIR_FLOOR * sizes
+    # Compare two rules on all pairs at once.
     rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in BATCH_RULE_SIZES)
     worst = SAFETY_FACTOR * float((np.abs(rough - values) / sizes).max())
     return values, worst * sizes + 2.0**-46 * values
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:
-    """Return the length of a circle or the area of a sphere."""
+    """Return the measure of a sphere.
+
+    It is the length of a circle or the area of a sphere.
+    """
     return np.asarray(dim * UNIT_BALL_VOLUME[dim] * radius ** (dim - 1))
 
 
@@ -289,6 +315,7 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     """
     from scipy.special import j0
 
+    # Frequencies of an octave share a rule, because higher frequencies need more nodes.
     kernel = {2: lambda x: j0(math.pi * x), 3: np.sinc}[dim]
     flat = np.ravel(frequencies)
     result = np.empty(flat.shape)
@@ -332,14 +359,14 @@ class RadialTable:
         interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1)
         x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)
         # Clenshaw's recurrence.
-        one, two, doubled = np.zeros_like(k), np.zeros_like(k), 2.0 * x
+        current, previous, doubled = np.zeros_like(k), np.zeros_like(k), 2.0 * x
         for row in self._coefficients[:0:-1]:
-            one, two = row[interval] + doubled * one - two, one
-        return np.asarray(self._coefficients[0][interval] + x * one - two)
+            current, previous = row[interval] + doubled * current - previous, current
+        return np.asarray(self._coefficients[0][interval] + x * current - previous)
 
 
 def table_points(max_frequency: float, tolerance: float) -> Floats:
-    """Return the frequencies at which a table needs a spectrum.
+    """Return the frequencies that a table needs.
 
     They have shape (intervals, nodes). The last interval may end above ``max_frequency``. The tolerance is the
     interpolation error relative to the value at 0; the error of the spectrum itself adds to it.
@@ -350,9 +377,9 @@ def table_points(max_frequency: float, tolerance: float) -> Floats:
 
 
 def count_nodes(tolerance: float, phase: float) -> int:
-    """Return how many Chebyshev nodes an interval needs.
+    """Return the number of Chebyshev nodes that an interval needs.
 
-    They interpolate exponentials with ``phase`` radians in half an interval.
+    With them, exponentials of ``phase`` radians in half an interval are interpolated within ``tolerance``.
     """
     from scipy.special import jv
 
@@ -361,12 +388,18 @@ def count_nodes(tolerance: float, phase: float) -> int:
 
 
 def chebyshev_nodes(count: int) -> Floats:
-    """Return the zeros of a Chebyshev polynomial, in descending order."""
+    """Return the zeros of a Chebyshev polynomial.
+
+    They are in descending order, shape (count,).
+    """
     return np.asarray(np.cos(math.pi * (np.arange(count) + 0.5) / count))
 
 
 def chebyshev_coefficients(values: Floats) -> Floats:
-    """Return the coefficients of the polynomials through values (count, ...) at :func:`chebyshev_nodes`."""
+    """Return Chebyshev coefficients of polynomials through values.
+
+    ``values``, shape (count, ...), are those at :func:`chebyshev_nodes`; the result has the same shape.
+    """
     from scipy.fft import dct
 
     coefficients = dct(values, axis=0) / len(values)
@@ -378,16 +411,18 @@ def chebyshev_coefficients(values: Floats) -> Floats:
 
 
 def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, dim: int, count: int) -> Floats:
-    """Integrate ``f(|x| / a) f(|x - distance e| / b)`` by one rule.
+    """Integrate products of two radial functions, for many pairs.
 
-    The integrals are over the plane or space; all arrays have shape (n,). Uses polar coordinates around the center of
-    the smaller ball, in units of its radius, over the part inside the other ball,
+    The integrals of ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space are computed by one rule. All arrays
+    have shape (n,). The rule uses polar coordinates around the center of the smaller ball, in units of its radius, over
+    the part inside the other ball,
 
         integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D cos(theta).
 
     The interval of s is cut at the other center, and at the radius from which the other ball covers only some
     directions. Each piece has ``2 count + 1`` nodes.
     """
+    # In units of the smaller radius: the larger radius and the distance.
     small, large = np.minimum(a, b), np.maximum(a, b)
     radii, gaps = large / small, distance / small
     x, weights = double_exponential_rule(count)
@@ -414,11 +449,12 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
 
 
 def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Return ``sin(theta / 2)^2`` at the nodes, and ``dOmega / dx``.
+    """Return nodes and densities of the integral over directions.
 
-    ``covered``, shape (n, 1), is the largest ``sin(theta / 2)^2``. No sine is needed: on a sphere, the area between two
-    circles is proportional to the difference of their ``sin(theta / 2)^2``; on a circle, both are rational in
-    ``tan(theta / 4)``.
+    They are ``sin(theta / 2)^2`` at the nodes, and ``dOmega / dx``. ``covered``, shape (n, 1), is the largest
+    ``sin(theta / 2)^2``, and ``x``, shape (nodes,), are nodes in [0, 1]. No sine is needed: on a sphere, the area
+    between two circles is proportional to the difference of their ``sin(theta / 2)^2``; on a circle, both are rational
+    in ``tan(theta / 4)``.
     """
     if dim == 3:
         return covered * x, 4.0 * math.pi * covered
@@ -431,15 +467,15 @@ def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Float
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
     """Return the area or volume common to two balls.
 
-    It is accurate also for thin lenses.
+    ``a`` and ``b`` are the radii, shape (n,). The result is accurate also for thin lenses.
     """
-    least = np.minimum(a, b)
+    small = np.minimum(a, b)
     # Subtract similar lengths first, because such differences are exact.
-    depth = (np.maximum(a, b) - distance) + least
+    depth = (np.maximum(a, b) - distance) + small
     with np.errstate(all="ignore"):  # np.where drops the invalid values below
         lens = {2: _lens_area, 3: _lens_volume}[dim](a, b, distance, depth)
-    whole = UNIT_BALL_VOLUME[dim] * least**dim
-    return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), whole, lens))
+    small_ball = UNIT_BALL_VOLUME[dim] * small**dim
+    return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), small_ball, lens))
 
 
 def _lens_volume(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
@@ -455,7 +491,10 @@ def _lens_area(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
 
 
 def _segment_area(radius: Floats, height: Floats) -> Floats:
-    """Return the area of a disc segment of height ``height``."""
+    """Return the area of a disc segment.
+
+    ``height`` is its height, shape (n,).
+    """
     angle = 4.0 * np.arcsin(np.sqrt(np.minimum(1.0, height / (2.0 * radius))))
     series = [(-1.0) ** n / math.factorial(2 * n + 3) for n in range(6)]
     small = angle**3 * np.polynomial.polynomial.polyval(angle * angle, series)

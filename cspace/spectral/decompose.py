@@ -1,7 +1,8 @@
-"""Decomposition of shapes into balls that fill or cover them, chosen greedily by the cells they add.
+"""Decomposition of shapes into balls that fill or cover them.
 
-Lengths are in sides of a lattice cell. A ball contains a cell if ``sum (|cell_center - center| + half)^2 <= reach^2``
-over the axes: its center, if ``half`` is zero, or all of it.
+The balls are chosen greedily by the lattice cells that they add. Lengths in this module are in sides of a cell, unless
+they say metres. A ball contains a cell if ``sum (|cell_center - center| + half)^2 <= reach^2`` over the axes. With
+``half`` zero it contains the cell's center, otherwise the whole cell. An *open* cell lies in no chosen ball.
 """
 
 from __future__ import annotations
@@ -45,17 +46,26 @@ if TYPE_CHECKING:
 Kind = Literal["inner", "outer"]
 
 BALL_KINDS: Final = ("inner", "outer")
+"""Values of ``kind``: balls in the shape, or balls that cover it."""
+
 BALLS_FORMAT: Final = "cspace-balls"
+"""Name of the format in files of balls."""
+
 BALLS_VERSION: Final = 2
+"""Version of the format that this library writes and reads."""
 
 KIND_COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
-"""Colours of balls, from Okabe and Ito (2008)."""
+"""Colors of balls by kind, from Okabe and Ito (2008)."""
 
 
 BALL_READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json, ".yaml": read_yaml, ".yml": read_yaml}
+"""Function that reads a file of balls, by suffix."""
+
 BALL_SUFFIX_RULE: Final = "balls go into .yaml, .yml or .json"
+"""Rule in messages about other suffixes."""
 
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
+"""Names of the attributes that are pairs of bounds."""
 
 
 Gap = tuple[float, float]
@@ -71,9 +81,9 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BallDecomposition:
-    """Balls in space, or discs in the plane, that fill or cover a shape.
+    """Balls that fill or cover a shape.
 
-    Made by :func:`cspace.spectral.decompose`, or read with :meth:`open`.
+    In the plane they are discs. Made by :func:`cspace.spectral.decompose`, or read with :meth:`open`.
 
     Attributes
     ----------
@@ -126,9 +136,10 @@ class BallDecomposition:
 
     @property
     def volume_bounds(self) -> Bounds:
-        """Bounds of the area or volume of the union, relative to the shape.
+        """Bounds of the volume relative to the shape.
 
-        The result is infinite if the shape has none.
+        They are those of the area or volume of the union of the balls. They are infinite if the shape has no area or
+        volume.
         """
         low, high = self.shape_measure
         return Bounds(
@@ -138,7 +149,10 @@ class BallDecomposition:
 
     @property
     def volume_ratio(self) -> float:
-        """Mean of :attr:`volume_bounds`; in the plane, the bounds differ by about 1e-5."""
+        """Mean of the bounds in :attr:`volume_bounds`.
+
+        In the plane, these bounds differ by about 1e-5.
+        """
         return sum(self.volume_bounds) / 2.0
 
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
@@ -177,10 +191,11 @@ class BallDecomposition:
         return axes  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
-        """Write the balls to a ``.yaml``, ``.yml`` or ``.json`` file.
+        """Write the balls to a YAML or JSON file.
 
-        The file is lossless but does not contain the shape. Raises InputError for another suffix. Raises FileError if
-        the file exists and ``overwrite`` is not set, or cannot be written.
+        The suffix is ``.yaml``, ``.yml`` or ``.json``. The file is lossless but does not contain the shape. Raises
+        InputError for another suffix. Raises FileError if the file exists and ``overwrite`` is not set, or cannot be
+        written.
         """
         check_suffix(path, BALL_READERS, BALL_SUFFIX_RULE)
         record: dict[str, Any] = {"format": BALLS_FORMAT, "version": BALLS_VERSION, "kind": self.kind}
@@ -214,16 +229,16 @@ class BallDecomposition:
 
 
 LATTICE_REFINEMENTS: Final = (1, 4)
-"""Factors by which the number of lattice cells grows, if fewer than MIN_USED_FRACTION of the balls are used."""
+"""Factors by which the number of lattice cells grows while fewer than MIN_USED_FRACTION of the balls are used."""
 
 MIN_USED_FRACTION: Final = 0.9
-"""Smallest fraction of the requested balls that ends the refinement."""
+"""Fraction of the requested balls that ends the refinement if it is used."""
 
 MAX_BISECTIONS: Final = 12
-"""Largest number of lengths tried by which balls may stick out."""
+"""Largest number of steps of the bisection of the length by which balls may stick out."""
 
 MAX_CANDIDATES: Final = 6_000
-"""Approximate number of candidate centers tried first."""
+"""Approximate number of candidate balls in the first choice."""
 
 NEIGHBOUR_CELLS: Final = 2
 """Distance, in cells, within which a ball is compared with balls that may contain it."""
@@ -235,27 +250,27 @@ CELL_SUBDIVISIONS: Final = (1, 2, 4, 8, 16)
 """Numbers of parts per side into which cells without a ball nearby are divided."""
 
 MAX_HALVED_BALLS: Final = 200
-"""Number of balls up to which choices of half and a quarter of them are tried, too."""
+"""Largest number of balls for which choices of half and of a quarter of them are tried too."""
 
 UNLIMITED_BALLS: Final = 2**40
-"""More balls than there are."""
+"""Limit of the number of balls that is never reached."""
 
 LATTICE_ROUNDING: Final = 2.0**-20
-"""Rounding allowance in sides of a cell: a ball reaches this far beyond the cells it contains."""
+"""Rounding allowance, in sides of a cell: a ball reaches this far beyond the cells it contains."""
 
 MAX_POLISH_ROUNDS: Final = 6
-"""Largest number of moves of each ball."""
+"""Largest number of rounds in which balls are moved."""
 
 
 def decompose(
     shape: ShapeLike, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
 ) -> BallDecomposition:
-    """Decompose a shape into balls that fill or cover it.
+    """Decompose a shape into balls.
 
-    A greedy choice takes the ball that adds most cells of a lattice (V. Chvatal, "A greedy heuristic for the
-    set-covering problem", 1979). Candidates have their centers along the medial axis. The results are proven, not
-    sampled: an "inner" ball is no larger than the distance of its center from the boundary. For "outer", cells cover
-    the shape, and each cell lies entirely in one ball.
+    The balls fill the shape or cover it. A greedy choice takes the ball that adds most cells of a lattice (V. Chvatal,
+    "A greedy heuristic for the set-covering problem", 1979). Candidates have their centers along the medial axis. The
+    results are proven, not sampled: an "inner" ball is no larger than the distance of its center from the boundary. For
+    "outer", cells cover the shape, and each cell lies entirely in one ball.
 
     Parameters
     ----------
@@ -316,9 +331,11 @@ def decompose(
 
 
 def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
-    """Return centers and radii of balls in a shape, metres, bounds of their distance to it, and their number.
+    """Choose balls that lie in a shape.
 
-    There are at most ``number`` of them, or enough for a tolerance.
+    There are at most ``number`` balls, or enough for a tolerance in metres. Returns centers (n, d) and radii (n,) in
+    metres, bounds of the distance from the shape to the balls, and n. Raises InputError if the shape is too thin or the
+    tolerance too small.
     """
     inside = _inner_candidates(lattice)
     open_cells, gap = 0, None
@@ -346,9 +363,11 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
 
 
 def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
-    """Return centers and radii of balls that cover a shape, metres, bounds of their distance, and how many were tried.
+    """Choose balls that cover a shape.
 
-    There are at most ``number`` balls, or they stick out by at most ``tolerance``.
+    There are at most ``number`` balls, or they stick out by at most ``tolerance`` metres. Returns centers (n, d) and
+    radii (n,) in metres, bounds of the distance from the balls to the shape, and the number of balls that were tried.
+    Raises InputError if no such balls are found.
     """
     candidates = _medial_balls(lattice)
     if tolerance is not None:
@@ -361,8 +380,8 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
         raise InputError(name, problem, "their union must contain the shape", f"pass a larger {name}", value=value)
     centers, radii, tried = lattice.to_metres(balls.centers), balls.reaches * lattice.side, len(balls.reaches)
     if number is not None:
-        # Cells as a whole are larger than what must be covered, so grow balls of the same centers to what is needed.
-        # Balls that fill the shape are nearer where it is smooth.
+        # Covering whole cells takes more than covering the shape, so only the centers are kept; each ball around them
+        # grows as the shape needs. Balls that fill the shape are nearer where it is smooth, so they are tried too.
         centers, depths, growths, _ = _nearest_balls(lattice, [*_fill_greedily(lattice, number), balls])
         tried, radii = len(centers), (depths + growths) * (1.0 + 2.0**-40)
         centers, radii = centers[radii > 0.0], radii[radii > 0.0]
@@ -370,10 +389,13 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
 
 
 def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tuple[Floats, Floats, Floats, Gap | None]:
-    """Return the balls whose largest distance from a point of the shape is smallest.
+    """Select the choice of balls that is nearest to the shape.
 
-    They are the largest balls in the shape around the centers of a choice: their centers and radii, metres, how much
-    each must grow for all to cover the shape, and bounds of that distance. Radii are negative outside the shape.
+    Each choice gives the centers; the balls are the largest balls in the shape around them. The selected choice has the
+    smallest maximum distance from a point of the shape to the balls.
+
+    Returns centers (n, d) and radii (n,) in metres, how much each ball must grow for all to cover the shape (n,), and
+    bounds of that distance. Radii are negative outside the shape. Without any choice, n is 0 and the bounds are None.
     """
     points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
     found: tuple[Floats, Floats, Floats, Gap | None] = (np.empty((0, lattice.region.dim)), *np.empty((2, 0)), None)
@@ -382,7 +404,7 @@ def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tupl
             continue
         centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
-        # A few points of the shape show that most choices are not the nearest.
+        # The points alone show for most choices that they are not the nearest.
         if best == math.inf or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best:
             low, high, growths = bound_shape_to_balls(lattice, centers, depths)
             if growths.max() < best:
@@ -391,16 +413,17 @@ def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tupl
 
 
 def _inner_candidates(lattice: Lattice) -> LatticeBalls:
-    """Return balls in the shape from which to choose."""
+    """List candidate balls in the shape."""
     inside = _medial_balls(lattice)
     inside = inside.select(inside.depths > 0.0)
     return inside if len(inside.depths) else _deepest_points(lattice, lattice.cell_centers)
 
 
 def _fill_greedily(lattice: Lattice, number: int) -> list[LatticeBalls]:
-    """Return choices of at most ``number`` balls in the shape that contain many cell centers.
+    """Choose balls that contain many cell centers.
 
-    Fewer balls may be nearer to all points, because a choice ends when all cell centers lie in balls.
+    The balls lie in the shape, at most ``number`` of them. Returns several choices, because fewer balls may be nearer
+    to all points: a choice ends when all cell centers lie in balls.
     """
     inside, choices = _inner_candidates(lattice), []
     for count in {number, *((number // 2, number // 4) if number <= MAX_HALVED_BALLS else ())} - {0}:
@@ -415,7 +438,11 @@ def _fill_greedily(lattice: Lattice, number: int) -> list[LatticeBalls]:
 
 
 def _cover_with(lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool) -> LatticeBalls | None:
-    """Return at most ``number`` balls that cover all cells after the least growth, or None."""
+    """Choose at most ``number`` balls that cover all cells.
+
+    They grow, beyond their depth in the shape, by the smallest length for which such balls are found. Returns None if
+    none are found.
+    """
 
     def cover_within(length: float) -> LatticeBalls | None:
         return _cover_within(lattice, candidates, length, number, inside=inside)
@@ -426,8 +453,11 @@ def _cover_with(lattice: Lattice, candidates: LatticeBalls, number: int, *, insi
 def _cover_within(
     lattice: Lattice, candidates: LatticeBalls, length: float, number: int, *, inside: bool
 ) -> LatticeBalls | None:
-    """Return balls that stick out by at most ``length``, in sides, or None if that takes more than ``number``."""
-    cover, balls = _choose_cover(lattice, candidates, length, inside=inside, most=number)
+    """Choose balls that cover all cells and stick out little.
+
+    They stick out of the shape by at most ``length``, in sides. Returns None if that takes more than ``number`` balls.
+    """
+    cover, balls = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
     if len(cover.open_cells):
         return None
     balls = balls._replace(reaches=cover.trim(balls))
@@ -435,12 +465,12 @@ def _cover_within(
 
 
 def _choose_cover(
-    lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, most: int = UNLIMITED_BALLS
+    lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, max_balls: int = UNLIMITED_BALLS
 ) -> tuple[Cover, LatticeBalls]:
     """Choose balls until every cell lies in one.
 
-    There are at most ``most`` balls. The reach of a ball is its depth plus ``reach``, in sides. The cover has open
-    cells if ``most`` balls do not suffice.
+    There are at most ``max_balls``. The reach of a ball is its depth in the shape plus ``reach``, in sides. With
+    ``inside``, centers must lie in the shape. The returned cover has open cells if ``max_balls`` do not suffice.
     """
     from scipy.spatial import KDTree
 
@@ -448,27 +478,30 @@ def _choose_cover(
     balls = candidates.select(np.zeros(0, dtype=np.int64))
     # Cells that the candidates leave open get balls at nearby cell centers, then at finer points of the shape.
     for stage in range(3):
-        left = cover.open_cells
-        if not len(left) or len(balls.reaches) == most:
+        open_cells = cover.open_cells
+        if not len(open_cells) or len(balls.reaches) == max_balls:
             break
-        offered = _deepest_points(lattice, left) if stage == 2 else (candidates, _balls_at_cell_centers(lattice))[stage]
+        offered = (
+            _deepest_points(lattice, open_cells) if stage == 2 else (candidates, _balls_at_cell_centers(lattice))[stage]
+        )
         offered = offered._replace(reaches=offered.depths + reach)
         offered = offered.select(offered.depths >= (0.0 if inside else -np.inf))
-        if len(left) < len(lattice.cell_centers):  # balls that reach no open cell add nothing
+        if len(open_cells) < len(lattice.cell_centers):  # balls that reach no open cell add nothing
             bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
             offered = offered.select(
-                KDTree(left).query(offered.centers, distance_upper_bound=bound)[0] <= offered.reaches
+                KDTree(open_cells).query(offered.centers, distance_upper_bound=bound)[0] <= offered.reaches
             )
-        balls = balls.append(offered.select(cover.choose(offered, most - len(balls.reaches))))
+        balls = balls.append(offered.select(cover.choose(offered, max_balls - len(balls.reaches))))
     return cover, balls
 
 
 def _bisect_length(
     cover_within: Callable[[float], LatticeBalls | None], bad: float, good: float
 ) -> LatticeBalls | None:
-    """Bisect the length, between ``bad`` and ``good``, for the smallest with a result.
+    """Find the result of the smallest length that has one.
 
-    Returns that result or None.
+    The length is bisected between ``bad`` and ``good``. ``cover_within`` returns None if a length has no result.
+    Returns None if ``good`` has none.
     """
     best = cover_within(good)
     for _ in range(MAX_BISECTIONS):
@@ -484,24 +517,32 @@ def _bisect_length(
 
 
 def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
-    """Return the largest ball in the shape around every cell center."""
+    """Return the largest ball around every cell center.
+
+    The balls lie in the shape.
+    """
     return LatticeBalls(lattice.cell_centers, lattice.depths, lattice.depths)
 
 
 def _medial_balls(lattice: Lattice) -> LatticeBalls:
-    """Return the balls that no neighbouring ball contains.
+    """List the balls that no neighboring ball contains.
 
-    They lie along the medial axis. Growing all balls by one length does not change which balls contain others.
+    They lie along the medial axis of the shape. Growing all balls by one length does not change which balls contain
+    others.
     """
     from scipy.ndimage import grey_dilation
 
+    # A ball is contained if a neighbor's depth exceeds its own by the distance of the two centers: a grey dilation.
     depths = np.full(lattice.cells.shape, -np.inf)
     depths[lattice.cells] = lattice.depths
     steps = (np.arange(-NEIGHBOUR_CELLS, NEIGHBOUR_CELLS + 1) if half else np.zeros(1) for half in lattice.half)
     distances = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
-    reach = -(1.0 - CONTAINMENT_TOLERANCE) * distances
-    held = grey_dilation(depths, footprint=distances > 0.0, structure=reach, mode="constant", cval=-np.inf) >= depths
-    balls = _balls_at_cell_centers(lattice).select(~held[lattice.cells])
+    decrease = -(1.0 - CONTAINMENT_TOLERANCE) * distances
+    is_contained = (
+        grey_dilation(depths, footprint=distances > 0.0, structure=decrease, mode="constant", cval=-np.inf) >= depths
+    )
+    balls = _balls_at_cell_centers(lattice).select(~is_contained[lattice.cells])
+    # Thin out the candidates evenly, but keep the largest ball.
     kept = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // MAX_CANDIDATES)) == 0
     if len(kept):
         kept[np.argmax(balls.depths)] = True
@@ -509,9 +550,9 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Return a ball around a point of the shape in each cell.
+    """Return a ball around a deep point of each cell.
 
-    Cells without such a point get no ball.
+    ``cells`` has shape (n, 3): cell centers. Cells without a point of the shape get no ball.
     """
     points = _balls_at_cell_centers(lattice).select(np.zeros(0, dtype=np.int64))
     for cuts in CELL_SUBDIVISIONS:
@@ -528,9 +569,10 @@ def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
 
 
 class LatticeBalls(NamedTuple):
-    """Balls in lattice coordinates: centers, depths and reaches.
+    """Balls in lattice coordinates.
 
-    Centers have shape (n, 3); depths are lower bounds, in sides of a cell, and reaches are radii.
+    ``centers`` have shape (n, 3). ``depths``, shape (n,), are lower bounds of the depth of a center in the shape, and
+    ``reaches``, shape (n,), the radii; both in sides of a cell.
     """
 
     centers: Floats
@@ -538,22 +580,31 @@ class LatticeBalls(NamedTuple):
     reaches: Floats
 
     def select(self, chosen: NDArray[Any]) -> LatticeBalls:
-        """Return the balls of a mask or of some indices."""
+        """Select balls by a mask or by indices."""
         return LatticeBalls(*(column[chosen] for column in self))
 
     def append(self, other: LatticeBalls) -> LatticeBalls:
-        """Return these balls followed by others."""
+        """Return these balls, followed by others."""
         return LatticeBalls(*map(np.concatenate, zip(self, other, strict=True)))
 
 
 class CellCounts(NamedTuple):
-    """Cells of the lattice and the balls that contain them.
+    """Number of balls that contain each cell, for kernels.
 
-    Compiled functions take this record. ``counts`` (nx, ny, nz) is the number of chosen balls that contain a cell, or
-    -1 for ignored cells. ``prefix_sums`` (nx, ny, nz + 1) counts the open cells, in no ball, before a cell in its row;
-    ``open_counts`` (nx, ny) those of the whole row. ``rows`` (nx * ny, 4) is scratch for the rows of cells in a ball:
-    i, j, first k, stop k. ``squares`` (nx * ny,) is scratch for the part of the squared distance along the first two
-    axes.
+    Attributes
+    ----------
+    counts : ndarray of int32, shape (nx, ny, nz)
+        Number of chosen balls that contain a cell; -1 for ignored cells.
+    prefix_sums : ndarray of int32, shape (nx, ny, nz + 1)
+        Number of open cells before a cell in its row.
+    open_counts : ndarray of int32, shape (nx, ny)
+        Number of open cells of a row.
+    half : ndarray of float64, shape (3,)
+        Half a cell along each axis if balls must contain whole cells, otherwise 0.
+    rows : ndarray of int64, shape (nx * ny, 4)
+        Scratch for the rows of cells in a ball: i, j, first k, stop k.
+    squares : ndarray of float64, shape (nx * ny,)
+        Scratch for the part of the squared distance along the first two axes.
     """
 
     counts: NDArray[np.int32]
@@ -565,10 +616,10 @@ class CellCounts(NamedTuple):
 
 
 class Cover:
-    """The cells of a lattice, and the balls chosen to contain them.
+    """Cells of a lattice, and balls chosen for them.
 
-    If ``whole``, a ball contains a cell if it contains all of it, and every cell must be covered. Otherwise a ball
-    contains a cell if it contains its center, and only centers in the shape must be covered.
+    With ``whole``, a ball contains a cell if it contains all of it, and every cell must be covered. Otherwise a ball
+    contains a cell if it contains the center, and only centers in the shape must be covered.
     """
 
     def __init__(self, lattice: Lattice, *, whole: bool) -> None:
@@ -584,32 +635,40 @@ class Cover:
 
     @property
     def open_cells(self) -> Floats:
-        """Centers of the cells in no ball, shape (n, 3)."""
+        """Centers of the cells in no ball.
+
+        They have shape (n, 3).
+        """
         return np.argwhere(self._cells.counts == 0) + np.float64(0.5)
 
-    def choose(self, balls: LatticeBalls, most: int) -> Ints:
-        """Choose at most ``most`` balls greedily.
+    def choose(self, balls: LatticeBalls, max_balls: int) -> Ints:
+        """Choose balls greedily by the cells they add.
 
-        Returns their indices in the order of choice.
+        At most ``max_balls`` are chosen. Returns their indices in the order of choice.
         """
+        # A ball contains at most as many cells as fit into it when it is larger by half a diagonal.
         lattice, dim = self._lattice, self._lattice.region.dim
-        large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
-        bounds = np.minimum(UNIT_BALL_VOLUME[dim] * large**dim, float(len(lattice.cell_centers)))
-        chosen, left = np.empty(min(most, len(bounds)), dtype=np.int64), int(self._cells.open_counts.sum())
-        return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, left, chosen)]
+        enclosing = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
+        bounds = np.minimum(UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers)))
+        chosen, open_count = np.empty(min(max_balls, len(bounds)), dtype=np.int64), int(self._cells.open_counts.sum())
+        return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, open_count, chosen)]
 
     def trim(self, balls: LatticeBalls) -> Floats:
-        """Drop balls without cells of their own, then shrink the others.
+        """Shrink the balls to the cells that only they contain.
 
-        Returns their reaches, 0 if dropped. Balls that stick out most are processed first.
+        Returns their reaches, shape (n,), 0 for balls without such cells. Small balls are dropped first; then balls
+        that stick out most are shrunk first.
         """
-        left = balls.reaches.copy()
-        trim(self._cells, balls.centers, left, np.argsort(left, kind="stable"), only_drop=True)
-        trim(self._cells, balls.centers, left, np.argsort(balls.depths - left, kind="stable"), only_drop=False)
-        return left
+        reaches = balls.reaches.copy()
+        trim(self._cells, balls.centers, reaches, np.argsort(reaches, kind="stable"), only_drop=True)
+        trim(self._cells, balls.centers, reaches, np.argsort(balls.depths - reaches, kind="stable"), only_drop=False)
+        return reaches
 
     def polish(self, centers: Floats, radii: Floats) -> None:
-        """Move balls inside the shape to contain more cells, in place."""
+        """Move balls to contain more cells, in place.
+
+        The balls stay inside the shape. ``centers`` has shape (n, 3), ``radii`` (n,).
+        """
         lattice, border = self._lattice, self._lattice.region.inner
         lattice_frame = lattice.corner, lattice.side, border.error
         polish(self._cells, border.tree, centers, radii, lattice_frame, np.empty((2, 3)))
@@ -617,42 +676,45 @@ class Cover:
 
 @kernel
 def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
-    """Return the range of cell centers within a length of a center."""
+    """Return the range of cells near a coordinate.
+
+    Their centers lie within ``length`` of `center` along one axis that has ``count`` cells.
+    """
     return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
 @kernel
 def _find_rows(cells: CellCounts, center: Floats, reach: float) -> int:
-    """Fill ``cells.rows`` with the rows of cells in a ball.
+    """Find the rows of cells in a ball.
 
-    Returns their number.
+    They fill the first rows of ``cells.rows``; returns their number. ``center`` has shape (3,).
     """
     nx, ny, nz = cells.counts.shape
     half = cells.half
-    r = reach - LATTICE_ROUNDING
+    radius = reach - LATTICE_ROUNDING
     count = 0
-    for i in range(*_cell_range(center[0], r - half[0], nx)):
-        x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
-        if x > r * r:
+    for i in range(*_cell_range(center[0], radius - half[0], nx)):
+        square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
+        if square_x > radius * radius:
             continue
-        for j in range(*_cell_range(center[1], math.sqrt(r * r - x) - half[1], ny)):
-            xy = x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
-            if xy > r * r:
+        for j in range(*_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)):
+            square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
+            if square_xy > radius * radius:
                 continue
-            first, stop = _cell_range(center[2], math.sqrt(r * r - xy) - half[2], nz)
+            first, stop = _cell_range(center[2], math.sqrt(radius * radius - square_xy) - half[2], nz)
             if first < stop:
                 cells.rows[count, 0], cells.rows[count, 1] = i, j
                 cells.rows[count, 2], cells.rows[count, 3] = first, stop
-                cells.squares[count] = xy
+                cells.squares[count] = square_xy
                 count += 1
     return count
 
 
 @kernel
 def _count_ball(cells: CellCounts, rows: int, step: int) -> None:
-    """Count a ball in (``step`` 1) or out (-1).
+    """Add a ball to the counts of its cells, or remove it.
 
-    Its rows must have been found.
+    ``step`` is 1 or -1. :func:`_find_rows` must have found its ``rows`` rows.
     """
     counts, prefix_sums = cells.counts, cells.prefix_sums
     for n in range(rows):
@@ -673,72 +735,76 @@ def _count_gain(cells: CellCounts, center: Floats, reach: float) -> int:
     """
     nx, ny, nz = cells.counts.shape
     half = cells.half
-    r = reach - LATTICE_ROUNDING
+    radius = reach - LATTICE_ROUNDING
     gain = 0
-    for i in range(*_cell_range(center[0], r - half[0], nx)):
-        x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
-        if x > r * r:
+    for i in range(*_cell_range(center[0], radius - half[0], nx)):
+        square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
+        if square_x > radius * radius:
             continue
-        for j in range(*_cell_range(center[1], math.sqrt(r * r - x) - half[1], ny)):
+        for j in range(*_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)):
             if cells.open_counts[i, j] == 0:
                 continue
-            xy = x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
-            if xy > r * r:
+            square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
+            if square_xy > radius * radius:
                 continue
-            first, stop = _cell_range(center[2], math.sqrt(r * r - xy) - half[2], nz)
+            first, stop = _cell_range(center[2], math.sqrt(radius * radius - square_xy) - half[2], nz)
             if first < stop:
                 gain += cells.prefix_sums[i, j, stop] - cells.prefix_sums[i, j, first]
     return gain
 
 
 @jit
-def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, left: int, chosen: Ints) -> int:
-    """Fill ``chosen`` greedily with the balls that add most cells.
+def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, open_count: int, chosen: Ints) -> int:
+    """Choose the balls that add most cells, greedily.
 
-    Returns their number. A ball adds at most ``bounds`` cells, and never more than before other balls were chosen (M.
-    Minoux, "Accelerated greedy algorithms for maximizing submodular set functions", 1978). It ends if none of the cells
-    ``left`` is added.
+    ``chosen`` receives their indices; returns their number. ``centers`` has shape (n, 3), ``reaches`` and ``bounds``
+    (n,). A ball adds at most ``bounds`` cells, and never more than before other balls were chosen (M. Minoux,
+    "Accelerated greedy algorithms for maximizing submodular set functions", 1978). The choice ends when none of the
+    ``open_count`` open cells remains.
     """
     count = 0
-    queue = [(-bounds[n], n) for n in range(len(centers))]
+    queue = [(-bounds[ball], ball) for ball in range(len(centers))]
     heapq.heapify(queue)
-    while len(queue) > 0 and count < len(chosen) and left > 0:
-        _, n = heapq.heappop(queue)
-        gain = _count_gain(cells, centers[n], reaches[n])
+    while len(queue) > 0 and count < len(chosen) and open_count > 0:
+        _, ball = heapq.heappop(queue)
+        gain = _count_gain(cells, centers[ball], reaches[ball])
         if gain == 0:
             continue
         # The gain is up to date. If another ball may gain more, queue this one again.
         if len(queue) > 0 and gain < -queue[0][0]:
-            heapq.heappush(queue, (-float(gain), n))
+            heapq.heappush(queue, (-float(gain), ball))
             continue
-        _count_ball(cells, _find_rows(cells, centers[n], reaches[n]), 1)
-        chosen[count] = n
+        _count_ball(cells, _find_rows(cells, centers[ball], reaches[ball]), 1)
+        chosen[count] = ball
         count += 1
-        left -= gain
+        open_count -= gain
     return count
 
 
 @kernel
 def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
-    """Shrink balls, in an order, to the cells that only they contain.
+    """Shrink balls to the cells that only they contain.
 
-    Reaches become 0 if there are none.
+    Balls are processed in ``order``, shape (n,). Reaches change in place, to 0 for balls without such cells. With
+    ``only_drop``, only these balls change.
     """
-    for n in order:
-        rows = _find_rows(cells, centers[n], reaches[n])
-        square = -1.0
+    for ball in order:
+        rows = _find_rows(cells, centers[ball], reaches[ball])
+        farthest = -1.0
         for row in range(rows):
             i, j, first, stop = cells.rows[row]
             for k in range(first, stop):
                 if cells.counts[i, j, k] == 1:
-                    square = max(square, cells.squares[row] + (abs(k + 0.5 - centers[n, 2]) + cells.half[2]) ** 2)
+                    farthest = max(
+                        farthest, cells.squares[row] + (abs(k + 0.5 - centers[ball, 2]) + cells.half[2]) ** 2
+                    )
         # One allowance for the reach beyond the cells, one for the rounding of the root.
-        least = math.sqrt(square) + 2.0 * LATTICE_ROUNDING if square >= 0.0 else 0.0
-        if least < reaches[n] and not (only_drop and least > 0.0):
+        min_reach = math.sqrt(farthest) + 2.0 * LATTICE_ROUNDING if farthest >= 0.0 else 0.0
+        if min_reach < reaches[ball] and not (only_drop and min_reach > 0.0):
             _count_ball(cells, rows, -1)
-            if least > 0.0:
-                _count_ball(cells, _find_rows(cells, centers[n], least), 1)
-            reaches[n] = least
+            if min_reach > 0.0:
+                _count_ball(cells, _find_rows(cells, centers[ball], min_reach), 1)
+            reaches[ball] = min_reach
 
 
 @kernel
@@ -750,41 +816,42 @@ def polish(
     lattice_frame: tuple[Floats, float, float],
     scratch: Floats,
 ) -> None:
-    """Move balls inside a shape to contain more cells, in place.
+    """Move balls to contain more cells, in place.
 
-    A step inside the ball stays in the shape, so the distance from the boundary is the new radius. Steps go along the
-    axes, and halve if none helps. ``lattice_frame`` is the corner of the lattice in the space of the tree, its side,
-    and the error of distances. ``scratch``, shape (2, 3), holds a trial point in both frames.
+    The balls stay inside the shape: a step ends inside the ball, and the distance from the boundary becomes the new
+    radius. Steps go along the axes, and halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,).
+    ``lattice_frame`` is the corner of the lattice in the space of the tree, its side, and the error of distances.
+    ``scratch``, shape (2, 3), holds a trial point in both frames.
     """
     corner, side, error = lattice_frame
     trial, point = scratch[0], scratch[1]
     for round_index in range(MAX_POLISH_ROUNDS):
         moved = False
-        for n in range(len(centers)):
-            _count_ball(cells, _find_rows(cells, centers[n], radii[n]), -1)
-            best = _count_gain(cells, centers[n], radii[n])
+        for ball in range(len(centers)):
+            _count_ball(cells, _find_rows(cells, centers[ball], radii[ball]), -1)
+            best = _count_gain(cells, centers[ball], radii[ball])
             step = 2.0 / (1 << round_index)
             for _ in range(4):
                 better = False
                 for direction in range(6):
                     axis = direction // 2
-                    if cells.counts.shape[axis] == 1 or step >= 0.9 * radii[n]:
+                    if cells.counts.shape[axis] == 1 or step >= 0.9 * radii[ball]:
                         continue
                     for along in range(3):
-                        trial[along] = centers[n, along]
+                        trial[along] = centers[ball, along]
                     trial[axis] += step if direction % 2 else -step
                     for along in range(3):
                         point[along] = corner[along] + side * trial[along]
-                    radius = (bound_distance(tree, point, 2.0 * side * (radii[n] + step))[0] - error) / side
+                    radius = (bound_distance(tree, point, 2.0 * side * (radii[ball] + step))[0] - error) / side
                     if radius <= 0.0:
                         continue
                     gain = _count_gain(cells, trial, radius)
-                    if gain > best or (gain == best and radius > radii[n]):
+                    if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain
-                        centers[n, axis], radii[n] = trial[axis], radius
+                        centers[ball, axis], radii[ball] = trial[axis], radius
                 if not better:
                     step *= 0.5
-            _count_ball(cells, _find_rows(cells, centers[n], radii[n]), 1)
+            _count_ball(cells, _find_rows(cells, centers[ball], radii[ball]), 1)
         if not moved:
             break

@@ -37,18 +37,19 @@ if TYPE_CHECKING:
     from cspace.robot import Robot
 
 SUM_SLACK: Final = 2.0**-33
-"""Distance by which sums grow or shrink, relative to the largest coordinate."""
+"""Distance by which bounds of a sum grow or shrink, relative to the largest coordinate."""
 
 
 MAX_SUM_CORNERS: Final = 10_000_000
-"""Largest number of sums of corners, over all pairs of convex parts."""
+"""Largest number of corners of all pairwise sums of convex parts."""
 
 
 Corner = tuple[float, float]
+"""Coordinates (x, y) of a corner, metres."""
 
 
 class PolygonSum(NamedTuple):
-    """A Minkowski sum between two polygons.
+    """Inner and outer bound of a Minkowski sum of polygons.
 
     Attributes
     ----------
@@ -63,16 +64,22 @@ class PolygonSum(NamedTuple):
 
 
 def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
-    """Bound the Minkowski sum of two polygons."""
+    """Compute inner and outer bounds of a Minkowski sum.
+
+    Raises InputError if the polygons have too many corners, and GeometryError if GEOS unites the parts wrongly.
+    """
     import shapely
 
-    one, other = _convex_parts(first), _convex_parts(second)
-    corners = len(one) * len(other) * one.shape[1] * other.shape[1]
+    first_parts, second_parts = _convex_parts(first), _convex_parts(second)
+    corners = len(first_parts) * len(second_parts) * first_parts.shape[1] * second_parts.shape[1]
     if corners > MAX_SUM_CORNERS:
-        problem = f"and first make {corners:,} sums of corners of their {len(other)} and {len(one)} convex parts"
+        parts = f"{len(second_parts)} and {len(first_parts)} convex parts"
+        problem = f"and first make {corners:,} sums of corners of their {parts}"
         hint = "simplify both, e.g. with shapely.simplify"
         raise InputError("second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint, value=second)
-    points = (one[:, np.newaxis, :, np.newaxis] + other[:, np.newaxis]).reshape(len(one) * len(other), -1, 2)
+    points = (first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]).reshape(
+        len(first_parts) * len(second_parts), -1, 2
+    )
     slack = SUM_SLACK * float(np.abs(points).max())
     sums = shapely.convex_hull(shapely.linestrings(points))
     grown = shapely.buffer(sums, slack, join_style="mitre", cap_style="square")
@@ -87,9 +94,9 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
 
 
 def _convex_parts(geometry: BaseGeometry) -> Floats:
-    """Split a geometry into convex sets, given by their corners, shape (n, k, 2).
+    """Split a geometry into convex parts.
 
-    Corners may repeat.
+    Returns their corners, shape (n, k, 2); the last corner of a part repeats if it has fewer than k.
     """
     import shapely
 
@@ -100,76 +107,75 @@ def _convex_parts(geometry: BaseGeometry) -> Floats:
         else:
             points = list(map(tuple, shapely.get_coordinates(part).tolist()))
             rings += [[*pair] for pair in pairwise(points)] or [points]
-    most = max(map(len, rings))
-    return np.array([ring + ring[-1:] * (most - len(ring)) for ring in rings])
+    max_corners = max(map(len, rings))
+    return np.array([ring + ring[-1:] * (max_corners - len(ring)) for ring in rings])
 
 
 def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
-    """Cut a polygon into triangles, and check exactly that they tile it.
+    """Cut a polygon into counterclockwise triangles.
 
-    The triangles are counterclockwise. If the boundary of the polygon is the sum of the boundaries of the triangles,
-    the winding number of the polygon around any point is the number of triangles around it: one inside the polygon, and
-    zero outside.
+    The result is checked exactly: if the boundary of the polygon is the sum of the boundaries of the triangles, the
+    number of triangles around a point is the winding number of the polygon, one inside and zero outside.
 
-    Raises GeometryError if it is not.
+    Raises GeometryError if the triangles do not tile the polygon.
     """
     import shapely
 
     rings = [_without_straight_corners(list(ring.coords)[:-1]) for ring in (polygon.exterior, *polygon.interiors)]
     cleaned = shapely.orient_polygons(shapely.Polygon(rings[0], rings[1:]))
-    border: Counter[tuple[Corner, Corner]] = Counter()
+    boundary: Counter[tuple[Corner, Corner]] = Counter()
     triangles = []
     for part in shapely.get_parts(shapely.constrained_delaunay_triangles(cleaned)):
         a, b, c = list(part.exterior.coords)[:3]
-        turn = _orientation(a, b, c)
-        if turn:
-            triangles.append([a, b, c] if turn > 0 else [a, c, b])
-            _add_ring(border, triangles[-1], 1)
+        orientation = _orientation(a, b, c)
+        if orientation:
+            triangles.append([a, b, c] if orientation > 0 else [a, c, b])
+            _add_ring(boundary, triangles[-1], 1)
     for ring in (cleaned.exterior, *cleaned.interiors):
-        _add_ring(border, list(ring.coords)[:-1], -1)
-    if not triangles or any(border.values()):
+        _add_ring(boundary, list(ring.coords)[:-1], -1)
+    if not triangles or any(boundary.values()):
         hint = "round it with shapely.set_precision"
         raise GeometryError("polygon", "is not cut into triangles exactly", "they must tile it", hint, value=polygon)
     return triangles
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
-    """Merge convex polygons while the result is convex.
+    """Merge neighboring convex polygons while they stay convex.
 
-    They must share an edge (Hertel and Mehlhorn, 1983).
+    Neighbors share an edge (Hertel and Mehlhorn, 1983). Rings are counterclockwise.
     """
     pieces = dict(enumerate(rings))
     owner = {(ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))}
     for a, b in list(owner):
-        one, other = owner[a, b], owner.get((b, a))
-        if other is None or one == other:
+        left_piece, right_piece = owner[a, b], owner.get((b, a))
+        if right_piece is None or left_piece == right_piece:
             continue
-        left, right = _rotate_ring(pieces[one], a), _rotate_ring(pieces[other], b)  # b ... a, and a ... b
+        left, right = _rotate_ring(pieces[left_piece], a), _rotate_ring(pieces[right_piece], b)  # b ... a, and a ... b
         if _orientation(left[-2], a, right[1]) < 0 or _orientation(right[-2], b, left[1]) < 0:
             continue
-        right = pieces.pop(other)
-        owner.update({(right[k - 1], right[k]): one for k in range(len(right))})
-        pieces[one] = left + _rotate_ring(right, b)[1:-1]
+        right = pieces.pop(right_piece)
+        owner.update({(right[k - 1], right[k]): left_piece for k in range(len(right))})
+        pieces[left_piece] = left + _rotate_ring(right, b)[1:-1]
     return list(pieces.values())
 
 
 def _rotate_ring(ring: list[Corner], corner: Corner) -> list[Corner]:
-    """Rotate a ring so that it ends with a corner."""
+    """Rotate a ring to end with ``corner``."""
     stop = ring.index(corner) + 1
     return ring[stop:] + ring[:stop]
 
 
-def _add_ring(border: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], times: int) -> None:
-    """Add the directed edges of a ring to a boundary.
+def _add_ring(boundary: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], times: int) -> None:
+    """Add the edges of a ring to a boundary.
 
-    Opposite edges cancel.
+    Each directed edge counts ``times`` times; opposite edges cancel.
     """
     for k in range(len(ring)):
         a, b = ring[k - 1], ring[k]
         if a < b:
-            border[a, b] += times
+            boundary[a, b] += times
         else:
-            border[b, a] -= times
+            boundary[b, a] -= times
 
 
 def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
@@ -195,17 +201,15 @@ def _orientation(a: Corner, b: Corner, c: Corner) -> int:
 
 
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
-"""Balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of arrays."""
+"""Types that give balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of arrays."""
 
 
 PLACEMENT_ROUNDING: Final = 2.0**-50
-"""Bound of the relative error of rotating and translating a coordinate, with room to spare."""
+"""Upper bound of the relative error of rotating and translating a coordinate."""
 
 
-GRID_TOLERANCE: Final = (
-    1e-9  # part of a cell or of the spacing by which grids may differ, from rounding, and still be the same
-)
-"""Largest difference of equal grids, relative to a cell or to the spacing."""
+GRID_TOLERANCE: Final = 1e-9
+"""Largest difference of equal grids by rounding, relative to a cell or to the spacing."""
 
 
 MAX_EXACT_NORM: Final = 2.0**40
@@ -215,11 +219,12 @@ The error of a transform in float64 is below 1000 rounding units of the product,
 
 
 _TINY: Final = float(np.finfo(np.float64).tiny)
+"""Smallest normal float64."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descriptor:
-    """A function sampled at the cell centers of a grid.
+    """Function sampled at the cell centers of a grid.
 
     Its shape is the set where it is positive. Stores a read-only float64 copy of the values, shape grid.shape.
 
@@ -247,12 +252,18 @@ class Descriptor:
 
     @property
     def integral(self) -> float:
-        """Sum of the values times the area or volume of a cell."""
+        """Integral, as the sum over the cells.
+
+        It is the sum of the values times the area or volume of a cell.
+        """
         return float(self.values.sum() * self.grid.spacing**self.dim)
 
 
 class BallDescriptor(Balls):
-    """``f(x) = sum over balls of psi((x - center) / radius)``, above zero in the open balls and nowhere else.
+    """Sum of a bump around each of several balls.
+
+    It is ``f(x) = sum over balls of psi((x - center) / radius)``, which is above zero in the open balls and zero
+    elsewhere.
 
     Parameters
     ----------
@@ -272,16 +283,22 @@ class BallDescriptor(Balls):
 
     @property
     def integral(self) -> float:
-        """Integral over the plane or space, metres to the power ``dim``."""
+        """Integral over the plane or space.
+
+        It is in metres to the power ``dim``.
+        """
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
     @property
     def center(self) -> Floats:
-        """Center of the bounding box of the centers, shape (d,)."""
+        """Center of the bounding box of the centers.
+
+        Its shape is (d,), in metres.
+        """
         return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
 
     def sample(self, grid: Grid) -> Descriptor:
-        """Evaluate the descriptor at the cell centers of a grid.
+        """Evaluate the descriptor at the centers of cells.
 
         Raises InputError if the dimensions differ.
         """
@@ -305,9 +322,9 @@ class BallDescriptor(Balls):
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
-    """Return copies of the centers and radii of balls.
+    """Check the centers and radii of balls, and copy them.
 
-    Their shapes are (n, dim) and (n,). Raises InputError if a radius is not above zero.
+    The copies have shapes (n, dim) and (n,). Raises InputError if a radius is not above zero.
     """
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
@@ -324,9 +341,10 @@ def check_same_dim(name: str, dim: int, other: int) -> None:
 
 
 def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
-    """Return the balls of an object, a robot or a pair of arrays.
+    """Return the descriptor of an object with balls.
 
-    Raises InputError for anything else.
+    The object has centers and radii, is a robot of balls, or is a pair of arrays. `name` is the argument that messages
+    name. Raises InputError for anything else.
     """
     pair: Any = source
     balls: Any
@@ -340,10 +358,10 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
 
 
 def common_bump(bump: Bump | None, *sources: object) -> Bump:
-    """Return the bump passed, or the common bump of the sources.
+    """Return the bump of several descriptors.
 
-    The default is ``Bump()``. Raises InputError if it is no bump, or none was passed and the bumps of the sources
-    differ.
+    It is the bump passed, or the common bump of the sources. Sources without any bump give ``Bump()``. Raises
+    InputError if ``bump`` is no bump, or if it is None and the bumps of the sources differ.
     """
     bumps = {found for source in sources if isinstance(found := getattr(source, "bump", None), Bump)}
     if bump is None and len(bumps) > 1:
@@ -352,7 +370,9 @@ def common_bump(bump: Bump | None, *sources: object) -> Bump:
 
 
 def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
-    """Return 1 at cell centers in a shape, 0 elsewhere.
+    """Return 1 at cell centers in a shape.
+
+    The value is 0 at other cell centers.
 
     Parameters
     ----------
@@ -368,7 +388,10 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
 
 
 def _inside(shape: Any, grid: Grid) -> Bools:
-    """Return the cells whose center lies in a shape."""
+    """Return a mask of the cells whose center lies in a shape.
+
+    It has the shape of the grid. Raises InputError as :func:`indicator`.
+    """
     balls = isinstance(shape, BallSet)
     if hasattr(shape, "dtype") or isinstance(shape, list | tuple | int | float):
         return check_cells(shape, "shape")
@@ -390,26 +413,27 @@ def _inside(shape: Any, grid: Grid) -> Bools:
 
 
 def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
-    """Yield each ball's window of cells and their squared distances.
+    """Yield the cells around each ball, with their distances.
 
-    Distances are in radii; balls outside the grid are skipped.
+    ``centers`` has shape (n, d), ``radii`` (n,). For each ball, yields the slices of a window of cells, and the squared
+    distances of the cell centers in radii of the ball. Balls outside the grid are skipped.
     """
     lower = np.array(grid.lower)
     for center, radius in zip(centers, radii.tolist(), strict=True):
         # Add one cell on either side, for rounding.
-        first = np.floor((center - radius - lower) / grid.spacing) - 1.0
-        last = np.ceil((center + radius - lower) / grid.spacing) + 1.0
-        first, last = np.clip([first, last], 0, grid.shape).astype(np.int64)
-        if (first < last).all():
-            window = tuple(map(slice, first, last))
+        start = np.floor((center - radius - lower) / grid.spacing) - 1.0
+        stop = np.ceil((center + radius - lower) / grid.spacing) + 1.0
+        start, stop = np.clip([start, stop], 0, grid.shape).astype(np.int64)
+        if (start < stop).all():
+            window = tuple(map(slice, start, stop))
             squares = (((grid.centers(axis)[part] - center[axis]) / radius) ** 2 for axis, part in enumerate(window))
             yield window, np.asarray(sum(np.meshgrid(*squares, indexing="ij", sparse=True)))
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
-    """Check that a descriptor is sampled, and return it.
+    """Return a descriptor, if it is sampled on a grid.
 
-    Raises InputError if it is not sampled on a grid.
+    Raises InputError otherwise.
     """
     if not isinstance(descriptor, Descriptor):
         problem, rule = f"is a {type(descriptor).__name__}, no Descriptor", "it must be sampled on a grid"
@@ -461,9 +485,10 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
 
 
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
-    """Return the cells at whose center a descriptor exceeds a threshold.
+    """Return the cells in which a descriptor exceeds a threshold.
 
-    Raises InputError if the descriptor is not sampled, or the threshold is not one finite number.
+    The value at the cell center counts. Raises InputError if the descriptor is not sampled, or the threshold is not one
+    finite number.
     """
     level = check_finite(threshold, "threshold")
     if level.ndim:
@@ -480,40 +505,43 @@ def minkowski_sum(
 def minkowski_sum(
     first: Descriptor | BaseGeometry, second: Descriptor | BaseGeometry, method: Literal["fft", "direct"] = "fft"
 ) -> Descriptor | PolygonSum:
-    """Compute the Minkowski sum of two descriptors, or of two geometries in the plane.
+    """Compute a Minkowski sum of two descriptors or geometries.
+
+    Geometries lie in the plane.
 
     Parameters
     ----------
     first, second : Descriptor, or shapely geometry
-        Both of one kind. Descriptors are sampled on grids of one spacing. Geometries are polygons, lines, points, or
-        collections of these, in metres.
+        Two descriptors or two geometries. Descriptors are sampled on grids of one spacing. Geometries are polygons,
+        lines, points, or collections of these, in metres.
     method : {"fft", "direct"}
-        Of descriptors only. "direct" adds product after product, which is faster if both are small, or one is a few
+        Method for descriptors. "direct" adds product after product, which is faster if both are small, or one is a few
         cells large.
 
     Returns
     -------
     Descriptor
-        The convolution ``h(x) = integral f(y) g(x - y) dy``, as the sum over cells times their measure. Its grid holds
-        every sum of a cell of one and a cell of the other; the centers of its cells are sums of theirs.
+        The convolution ``h(x) = integral f(y) g(x - y) dy``, as the sum over cells times their measure. The centers of
+        the cells of its grid are the sums of a cell center of ``first`` and one of ``second``.
     PolygonSum
-        For geometries: ``inner`` and ``outer``, two geometries. The sum of all points of one and all points of the
-        other contains ``inner``, and ``outer`` contains the sum. Their borders lie about 2e-10 of the largest
-        coordinate apart, except where the sum is thinner than that.
+        For geometries: ``inner`` and ``outer``, two geometries. The Minkowski sum contains ``inner`` and lies in
+        ``outer``. Their borders lie about 2e-10 of the largest coordinate apart, except where the sum is thinner than
+        that.
 
     Raises
     ------
     InputError
-        If one is a descriptor and the other is not, a descriptor is not sampled, the dimensions or spacings differ,
-        ``method`` is neither word, or polygons have too many corners.
+        If only one is a descriptor, a descriptor is not sampled, the dimensions or spacings differ, ``method`` is
+        neither word, or polygons have too many corners.
     GeometryError
         If a geometry is empty, crosses itself, or is not finite.
 
     Notes
     -----
-    If all values of descriptors are whole numbers (indicators), the sums are rounded to such: exact, also by FFT, for
-    ``|f|_2 |g|_2`` below 2^40. If no value is below zero, the cells in which the sum is above zero are exactly the
-    Minkowski sum of those of ``first`` and ``second``: the rounding of an FFT neither adds cells nor loses any.
+    If all values of descriptors are whole numbers (indicators), the sums are rounded to whole numbers: exact, also
+    by FFT, for ``|f|_2 |g|_2`` below 2^40. If no value is below zero, the cells above zero of the sum are exactly
+    the Minkowski sum of the cells above zero of ``first`` and ``second``: the rounding of an FFT neither adds nor
+    loses cells.
 
     Examples
     --------
@@ -539,15 +567,18 @@ def minkowski_sum(
 
 
 def _convolution(f: Floats, g: Floats, method: str) -> Floats:
-    """Convolve two arrays; see the notes of :func:`minkowski_sum` for rounding."""
+    """Convolve two arrays.
+
+    See the notes of :func:`minkowski_sum` for rounding.
+    """
     from scipy.signal import convolve, convolve2d, fftconvolve
 
     if method == "fft":
         sums = np.asarray(fftconvolve(f, g))
     else:  # convolve2d is faster than the general loop
         sums = np.asarray(convolve2d(f, g) if f.ndim == 2 else convolve(f, g, method="direct"))
-    whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
-    if whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
+    are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
+    if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
         return np.asarray(np.rint(sums))
     if (f < 0.0).any() or (g < 0.0).any():
         return sums
@@ -556,19 +587,22 @@ def _convolution(f: Floats, g: Floats, method: str) -> Floats:
 
 
 def _same_spacing(f: Grid, g: Grid) -> bool:
-    """Return True if two grids agree in dimension and spacing."""
+    """Return True if two grids have the same spacing.
+
+    They must have the same dimension too.
+    """
     return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
 
 
-def _on_one_grid(given: tuple[Any, ...]) -> list[Descriptor]:
-    """Return the descriptors.
+def _on_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
+    """Check that descriptors are sampled on one grid.
 
-    Raises InputError unless all are sampled on the grid of the first.
+    Returns them. Raises InputError if one is not sampled, or the grids differ.
     """
-    sampled = [check_sampled(each) for each in given]
+    sampled = [check_sampled(each) for each in descriptors]
     grid = sampled[0].grid
     for other in (each.grid for each in sampled):
-        same = grid.shape == other.shape and _same_spacing(grid, other)
-        if not same or np.abs(np.subtract(grid.lower, other.lower)).max() > GRID_TOLERANCE * grid.spacing:
+        same_cells = grid.shape == other.shape and _same_spacing(grid, other)
+        if not same_cells or np.abs(np.subtract(grid.lower, other.lower)).max() > GRID_TOLERANCE * grid.spacing:
             raise InputError("others", f"holds one on {other}", f"all must be on {grid}", "sample all on it")
     return sampled

@@ -1,4 +1,4 @@
-"""Overlap of two ball sets at any placement of one of them, and overlap fields on maps."""
+"""Overlap of two ball sets at any placement of the first one, and overlap fields on maps."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 MAX_DEFAULT_FREQUENCIES: Final = 2**21
-"""Largest number of frequencies, opposite ones counted once, of a band chosen automatically."""
+"""Largest number of frequencies of a band chosen automatically; opposite frequencies count once."""
 
 MAX_FREQUENCIES: Final = 2**26
-"""Largest number of frequencies of a given band."""
+"""Largest number of frequencies of a band that the caller chooses."""
 
 MAX_WAVE_INDEX: Final = 2**15 - 1
 """Highest frequency along an axis, cycles per period, that int16 holds."""
 
 
 PERIOD_MARGIN: Final = 1e-6
-"""Relative margin of the period, so that rounding cannot make anything wrap around."""
+"""Relative margin of the period, so that rounding cannot make any ball wrap around."""
 
 
 MAX_BALL_COORDINATE: Final = 1e40
@@ -71,26 +71,27 @@ MAX_BALL_COORDINATE: Final = 1e40
 MAX_PERIODS_FROM_ORIGIN: Final = 1e6
 """Largest distance of the balls from the origin of their frame, in periods."""
 
-SERIES_TOLERANCE: Final = (
-    1e-9  # of the values at many placements, relative to the root of the sum of the squares of the terms
-)
-"""Tolerance of batches of values, relative to the 2-norm of the terms."""
+SERIES_TOLERANCE: Final = 1e-9
+"""Tolerance of the values at many placements, relative to the 2-norm of the terms."""
 
 MAX_SUMMED_PLACEMENTS: Final = 32
-"""Placements up to which sums are faster than a transform of the whole band."""
+"""Number of placements up to which sums are faster than a transform of the whole band."""
 
 ROTATION_TOLERANCE: Final = 1e-6
-"""Largest deviation of a matrix from the nearest rotation."""
+"""Largest stretch by which a matrix may differ from a rotation."""
 
 
 MIN_PERIOD: Final = 1e-100
 """Smallest period in metres; below it, squares of lengths may underflow."""
 
 LEVEL_RATIO: Final = 8.0
-"""Ratio of the numbers of frequencies of a band and of the smaller band that is tried before it."""
+"""Ratio of the numbers of frequencies of successive bands."""
 
 MIN_LEVEL_FREQUENCIES: Final = 2_000
-"""Product of the highest frequencies along the axes, cycles per period, up to which no smaller band is tried."""
+"""Size of a band below which no smaller band is tried first.
+
+The size is the product of the highest frequencies along the axes, cycles per period.
+"""
 
 
 class Verdict(IntEnum):
@@ -104,18 +105,23 @@ class Verdict(IntEnum):
     UNDECIDED = 2
 
     def __bool__(self) -> bool:
-        """Raise InputError, because MISS is 0 and UNDECIDED is not a hit."""
+        """Raise InputError, because a verdict has three values.
+
+        MISS is 0, and UNDECIDED is no hit.
+        """
         rule, hint = "a verdict is neither true nor false", "compare it, e.g. verdict == Verdict.MISS"
         raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
 
 
 _VERDICTS: Final = tuple(Verdict)
-"""The verdicts by value; calling ``Verdict`` takes longer than a test of two trees."""
+"""Verdicts by value, because calling ``Verdict`` takes longer than a test of two trees."""
 
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """Verdict about one placement or a batch, and its cost.
+    """Verdict about placements, and its cost.
+
+    It is about one placement or a batch.
 
     Attributes
     ----------
@@ -134,7 +140,7 @@ class Separation:
 
 
 class FourierOverlap:
-    """Overlap of a ball set A, at many placements, with B.
+    """Overlap of a moving ball set A with B.
 
     With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the overlap is
 
@@ -222,11 +228,12 @@ class FourierOverlap:
         tolerance: float = 1e-3,
         accuracy: float = 1e-12,
     ) -> FourierOverlap:
-        """Return an overlap whose verdicts are proofs about shapes, given by balls.
+        """Build an overlap whose verdicts are proofs about shapes.
 
-        *MISS* proves that the closed shapes have no common point: no two outer balls touch. *HIT* proves that they have
-        one: an inner ball of A and one of B overlap. Other placements are *UNDECIDED*. Verdicts come from trees of the
-        balls, without any frequency. ``docs/explanation/certificate_frequency.md`` has the proofs.
+        The shapes are given by balls. *MISS* proves that the closed shapes have no common point: no two outer balls
+        touch. *HIT* proves that they have one: an inner ball of A and one of B overlap. Other placements are
+        *UNDECIDED*. Verdicts come from trees of the balls, without any frequency.
+        ``docs/explanation/certificate_frequency.md`` has the proofs.
 
         Values and gradients are those of the outer balls, grown by ``swell``.
 
@@ -288,14 +295,17 @@ class FourierOverlap:
 
     @property
     def frequencies(self) -> int:
-        """Number of frequencies in the band, opposite ones counted once."""
+        """Number of frequencies in the band.
+
+        Opposite frequencies count once.
+        """
         return (math.prod(self.counts) + 1) // 2
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner, metres, of the placements t with any overlap.
+        """Lower and upper corner of the overlapping placements.
 
-        Outside, the overlap is zero.
+        They bound the placements t, in metres, with any overlap; outside, the overlap is zero.
         """
         center = self._center_b - self._pivot
         return center - self._half_sides, center + self._half_sides
@@ -332,25 +342,29 @@ class FourierOverlap:
         return self._sums(t, self._levels[-1].slopes)
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute :meth:`value`, shape (...), and :meth:`gradient` together, which is faster."""
+        """Compute :meth:`value` and :meth:`gradient` together.
+
+        This is faster. They have shapes (...) and (..., d).
+        """
         sums = self._sums(t, [self._levels[-1].sums, *self._levels[-1].slopes])
         return sums[..., 0], sums[..., 1:]
 
     def rotation_gradient(self, t: ArrayLike) -> Floats:
-        """Compute the derivative of :meth:`value` with respect to a rotation of A about the origin of its frame.
+        """Compute the derivative of :meth:`value` by rotations of A.
 
-        In the plane, the derivative with respect to the angle, shape (...); in space, the vector whose product with a
-        unit axis is the derivative with respect to the angle about it, shape (..., 3). Square or cubic metres per
-        radian: beside :meth:`gradient` as torque is beside force.
+        A rotates about the origin of its frame. In the plane, the derivative with respect to the angle, shape (...); in
+        space, the vector whose product with a unit axis is the derivative with respect to the angle about it, shape
+        (..., 3). Square or cubic metres per radian: :meth:`gradient` corresponds to a force, this to a torque.
         """
         sums = self._sums(t, self._levels[-1].twists)
         return sums if self.dim == 3 else sums[..., 0]
 
     def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
-        """Return the overlap with A rotated about the origin of its frame.
+        """Return the overlap with A rotated.
 
-        ``rotation`` is an angle in the plane, radians, a matrix of shape (d, d), or a scipy Rotation; raises InputError
-        for anything else. The period, the band and the threshold stay; the spectrum of A is recomputed at first use.
+        A rotates about the origin of its frame. ``rotation`` is an angle in the plane, radians, a matrix of shape (d,
+        d), or a scipy Rotation; raises InputError for anything else. The period, the band and the threshold stay; the
+        spectrum of A is recomputed at first use.
         """
         matrix = _rotation_matrix(rotation, self.dim)
         other = copy.copy(self)
@@ -362,13 +376,14 @@ class FourierOverlap:
         return other
 
     def separated(self, t: ArrayLike) -> Separation:
-        """Decide whether A and B are apart, or whether their overlap is below :attr:`threshold`.
+        """Decide whether A and B are apart.
 
-        First, trees of balls tell whether two balls touch. If none do, it is a *MISS*: the overlap is zero. If two
-        overlap and the threshold is zero, it is a *HIT*. For a threshold above zero, frequencies are summed ring by
-        ring, from low to high, until the sum and a bound of the remainder decide: *MISS* proves that the ideal overlap
-        of all frequencies is below the threshold, *HIT* that it is above. Otherwise, it is *UNDECIDED*. For an overlap
-        made by :meth:`of_shapes`, the verdict is about the shapes, and takes no frequency.
+        With a :attr:`threshold` above zero, decide whether their overlap is below it. First, trees of balls tell
+        whether two balls touch. If none do, it is a *MISS*: the overlap is zero. If two overlap and the threshold is
+        zero, it is a *HIT*. For a threshold above zero, frequencies are summed ring by ring, from low to high, until
+        the sum and a bound of the remainder decide: *MISS* proves that the ideal overlap of all frequencies is below
+        the threshold, *HIT* that it is above. Otherwise, it is *UNDECIDED*. For an overlap made by :meth:`of_shapes`,
+        the verdict is about the shapes, and takes no frequency.
 
         ``t``, shape (..., d), is in metres.
         """
@@ -395,7 +410,11 @@ class FourierOverlap:
     def _choose_halves(
         self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float
     ) -> tuple[int, ...]:
-        """Return the highest frequency along each axis, cycles per period, of a given or chosen band."""
+        """Return the highest frequency along each axis, cycles per period.
+
+        It follows from ``band``, cycles per metre, or is chosen by ``tolerance``; see the class. ``lengths``, shape
+        (d,), are the periods. Raises InputError if the band is too large.
+        """
         if band is not None:
             highest = check_positive(band, "band", "cycles per metre")
         else:
@@ -411,7 +430,10 @@ class FourierOverlap:
         return halves
 
     def _make_trees(self, a: BallDescriptor, b: BallDescriptor) -> tuple[BallTree, BallTree]:
-        """Return trees of the balls of A, not rotated, and of B, about the centers of placements."""
+        """Build trees of the balls of A and B.
+
+        Coordinates are relative to the centers of A and B that placements join. A is not rotated.
+        """
         return (
             BallTree.of(a.centers - self._original.center, a.radii),
             BallTree.of(b.centers - self._center_b, b.radii),
@@ -419,33 +441,40 @@ class FourierOverlap:
 
     @cached_property
     def _contact_test(self) -> ContactTest:
-        """Test of contact with A rotated."""
+        """Contact test of A, rotated, and B."""
         (outer_a, outer_b), (inner_a, inner_b) = self._trees
         outer_a, inner_a = outer_a.rotated(self._rotation), inner_a.rotated(self._rotation)
         return ContactTest(outer_a, outer_b, inner_a, inner_b, self._half_sides, 4.0 * self._placement_error)
 
     @property
     def _placement_error(self) -> float:
-        """Largest error of a placement in the domain, metres, by rounding."""
+        """Largest rounding error of a placement in the domain, metres."""
         return PLACEMENT_ROUNDING * (float(np.abs(self.domain).max()) + self._span)
 
     @cached_property
     def _levels(self) -> list[_Level]:
-        """Terms of the overlap by band, the smallest first."""
+        """Terms of the overlap in each band, the smallest band first."""
         first = self._original
         a = BallDescriptor(first.centers @ self._rotation.T, first.radii, first.bump)
         return [_Level(band, a, self._pivot, self._placement_error) for band in self._bands.by_size]
 
     def _relative(self, placements: Floats) -> Floats:
-        """Return placements of A's center relative to B's."""
+        """Return the placements of A's center relative to B's center.
+
+        Both have shape (n, d), metres.
+        """
         return np.asarray((placements + self._pivot) - self._center_b)
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
-        """Return several sums of terms at placements, shape (..., sums)."""
+        """Sum several lists of terms at placements.
+
+        ``t`` has shape (..., d), metres; the result has shape (..., sums). Sums are 0 outside the domain.
+        """
         placements = check_points(t, "t", self.dim)
         relative = self._relative(placements.reshape(-1, self.dim))
         inside = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
         out, rings = np.zeros((len(relative), len(sums))), self._levels[-1].band.rings
+        # A transform evaluates all frequencies at many placements at once; few placements are summed ring by ring.
         if len(inside) > MAX_SUMMED_PLACEMENTS:
             boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
             out[inside] = evaluate_real_series(
@@ -458,7 +487,10 @@ class FourierOverlap:
 
 
 class _Bands:
-    """Bands of frequencies and what all rotations of A share in them; made at first use."""
+    """Bands of frequencies, shared by all rotations of A.
+
+    They are computed at first use.
+    """
 
     def __init__(
         self, a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...], accuracy: float
@@ -467,12 +499,19 @@ class _Bands:
 
     @cached_property
     def norms(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Integrals of the squared descriptors of A and B, with their errors."""
+        """Integrals of the squared descriptors, with errors.
+
+        They are those of A and B.
+        """
         return norm_square(self.a), norm_square(self.b)
 
     @cached_property
     def by_size(self) -> list[_Band]:
-        """The whole band, and before it bands of an eighth of the next, which decide most queries."""
+        """All bands, the smallest first.
+
+        The last one is the whole band; each has an eighth of the frequencies of the next. Small bands decide most
+        queries.
+        """
         found = [self.halves]
         while math.prod(found[-1]) > MIN_LEVEL_FREQUENCIES:
             found.append(tuple(math.ceil(half / LEVEL_RATIO ** (1.0 / len(found[-1]))) for half in found[-1]))
@@ -487,35 +526,46 @@ class _Band:
 
     @cached_property
     def rings(self) -> Rings:
+        """Frequencies of the band, ring by ring."""
         return Rings.of(self.shared.lengths, self.halves)
 
     @cached_property
     def spectrum_b(self) -> Spectrum:
+        """Spectrum of B in the band."""
         return Spectrum.of(self.shared.b, self.shared.b.center, self.rings, self.shared.accuracy)
 
     @cached_property
     def tail_b(self) -> float:
+        """Upper bound of the energy of B outside the band."""
         return self.spectrum_b.tail(self.rings, self.shared.norms[1])
 
 
 class _Level:
-    """Terms of the overlap with A at one rotation, in one band; ``error`` is that of placements, metres."""
+    """Terms of the overlap at one rotation of A.
+
+    They are those of one band. ``pivot``, shape (d,), is the center of A, and ``error`` the error of placements,
+    metres.
+    """
 
     def __init__(self, band: _Band, a: BallDescriptor, pivot: Floats, error: float) -> None:
         self.band, self._a, self._pivot, self._error = band, a, pivot, error
 
     @cached_property
     def _spectrum(self) -> Spectrum:
+        """Spectrum of A in the band."""
         return Spectrum.of(self._a, self._pivot, self.band.rings, self.band.shared.accuracy)
 
     @cached_property
     def sums(self) -> Terms:
-        """Terms without a bound of the frequencies outside the band."""
+        """Terms for values, without bounds of the remainder.
+
+        The remainder is the sum of the terms of all frequencies outside the band.
+        """
         return Terms.of(self._spectrum, self.band.spectrum_b, self.band.rings, self._error, 0.0)
 
     @cached_property
     def terms(self) -> Terms:
-        """Terms with bounds for verdicts."""
+        """Terms for verdicts, with bounds of the remainder."""
         tail = self._spectrum.tail(self.band.rings, self.band.shared.norms[0])
         return self.sums._replace(
             bounds=self.sums.bounds + BOUND_ROUNDING * math.sqrt(tail) * math.sqrt(self.band.tail_b)
@@ -523,10 +573,11 @@ class _Level:
 
     @cached_property
     def twists(self) -> list[Terms]:
-        """Terms of the derivative with respect to rotations of A about the origin of its frame.
+        """Terms of the derivative by rotations of A.
 
-        A rotation by the vector e moves a ball around p by ``e x p``, so F_A changes by ``-2 pi i w.(e x p)`` times the
-        ball's part. The sums of ``p`` times these parts are spectra of weighted balls.
+        A rotates about the origin of its frame. A rotation by the vector e moves a ball around p by ``e x p``, so F_A
+        changes by ``-2 pi i w.(e x p)`` times the ball's part. The sums of ``p`` times these parts are spectra of
+        weighted balls.
         """
         rings, shared, a = self.band.rings, self.band.shared, self._a
         shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, shared.accuracy
@@ -549,9 +600,10 @@ class _Level:
 
 
 def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
-    """Return the nearest rotation matrix, shape (dim, dim).
+    """Return the nearest rotation matrix.
 
-    The argument is an angle in the plane, a matrix or a scipy Rotation.
+    Its shape is (dim, dim). ``rotation`` is an angle in the plane, a matrix or a scipy Rotation; InputError is raised
+    for anything else.
     """
     values = check_finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
     if dim == 2 and values.ndim == 0:
@@ -567,11 +619,14 @@ def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
 
 
 FIELD_CELLS_PER_BATCH: Final = 2**20
-"""Cells whose values are computed at once."""
+"""Number of cells whose values are computed at once."""
 
 
 class Space(Protocol):
-    """Attributes of a map that a field needs; :class:`cspace.CSpace` has them."""
+    """Attributes of a map that a field needs.
+
+    :class:`cspace.CSpace` has them.
+    """
 
     @property
     def grid(self) -> Grid:
@@ -588,10 +643,10 @@ class Space(Protocol):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OverlapField:
-    """Overlap of robot and obstacles at cell centers, and its gradient.
+    """Overlap of robot and obstacles at cell centers.
 
-    It measures penetration and is as smooth as the descriptors: positive if balls meet, and growing with the depth. It
-    is no certificate; the states of the map are.
+    The field has the gradient too. It is positive if balls meet and grows with the depth, and it is as smooth as the
+    descriptors. It proves nothing; the states of the map do.
 
     Attributes
     ----------
@@ -622,18 +677,18 @@ class OverlapField:
         Raises InputError if ``overlap`` is no FourierOverlap, has another dimension than the map, or memory is too
         small. Raises MissingPackageError if finufft is not installed.
         """
-        given: object = overlap
-        if not isinstance(given, FourierOverlap):
+        argument: object = overlap
+        if not isinstance(argument, FourierOverlap):
             rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
-            raise InputError("overlap", f"is a {type(given).__name__}", rule, hint, value=given)
+            raise InputError("overlap", f"is a {type(argument).__name__}", rule, hint, value=argument)
         grid, map_ = space.grid, space._kernel_map
         check_same_dim("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
         arrays = {name: np.empty(shape) for name in FIELD_NAMES[:count]}
-        turns = space.rotations._shape_cells(grid.dim)
+        rotation_cells = space.rotations._shape_cells(grid.dim)
         for number in range(shape[0]):
-            matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
+            matrix = rotation_cells[int(np.argmax(map_.slice_of == number))].matrix
             rotated = overlap if matrix is None else overlap.rotated(matrix)
             for rows in np.array_split(np.arange(shape[1]), -(-grid.size // FIELD_CELLS_PER_BATCH)):
                 cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
@@ -652,7 +707,10 @@ class OverlapField:
 
     @property
     def cells(self) -> Floats:
-        """Overlap by slice, shape (slices, nx, ny(, nz)), as kernels take it."""
+        """Overlap by slice, for kernels.
+
+        Its shape is (slices, nx, ny(, nz)).
+        """
         return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
 
     @overload
@@ -662,10 +720,11 @@ class OverlapField:
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
-        """Interpolate the overlap at configurations (..., size), in metres and radians.
+        """Interpolate the overlap at configurations.
 
-        Shape (...). The interpolation is linear between cell centers and never negative. Outside the grid it uses the
-        nearest value; rotations use the value of their cell.
+        They have shape (..., size), in metres and radians. The result has shape (...). The interpolation is linear
+        between cell centers and never negative. Outside the grid it uses the nearest value; rotations use the value of
+        their cell.
 
         Raises InputError if the last axis is not as long, or a value is NaN or infinite.
         """
@@ -675,19 +734,20 @@ class OverlapField:
         return overlaps
 
     def checker(self) -> Callable[..., float]:
-        """Return a fast, unchecked :meth:`at`: ``check(*q) -> float``.
+        """Return a fast, unchecked :meth:`at`.
 
-        They must be finite.
+        Call it as ``check(*q)``, with finite floats; it returns a float.
         """
         check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
         return check
 
     @property
     def _size(self) -> int:
+        """Length of a configuration."""
         return self.space.grid.dim + len(self.space.rotations.names)
 
     def _fixed(self) -> tuple[Any, ...]:
-        """Return the map and the field, as kernels take them."""
+        """Return the map and the field, for kernels."""
         return self.space._kernel_map, self.cells
 
 
@@ -698,14 +758,18 @@ def _shape(space: Space) -> tuple[int, ...]:
 
 @kernel
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
-    """Interpolate a field linearly between cell centers, at a configuration."""
+    """Interpolate a field at a configuration.
+
+    ``values`` has the shape of the map's states. The interpolation is linear between the nearest 2^d cell centers.
+    """
     dim = len(map_.lower)
+    # The lower cell of the interpolation, and the position between it and the upper cell, from 0 to 1, along each axis.
     cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
     for axis in range(dim):
-        n = map_.states.shape[axis + 1]
-        place = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), n - 1.0)
-        first = min(int(place), max(n - 2, 0))
-        cell, shares = replaced(cell, axis + 1, first), replaced(shares, axis, place - first)
+        count = map_.states.shape[axis + 1]
+        position = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), count - 1.0)
+        lower_cell = min(int(position), max(count - 2, 0))
+        cell, shares = replaced(cell, axis + 1, lower_cell), replaced(shares, axis, position - lower_cell)
     total = 0.0
     for corner in range(1 << dim):
         share, other = 1.0, cell
@@ -720,13 +784,13 @@ def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
 
 @compilable
 class Field(NamedTuple):
-    """The value of a field at a configuration, as a compiled query."""
+    """Value of a field, as a compiled query."""
 
     map_: Map
     values: Floats
 
     def evaluate(self, q: Numbers) -> float:
-        """Return the value at a configuration."""
+        """Return the value of the field at a configuration."""
         return field_at(self.map_, self.values, q)
 
 
@@ -734,7 +798,7 @@ class Field(NamedTuple):
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
     """Apply :func:`field_at` to many configurations.
 
-    Returns the index of the first invalid one, or -1.
+    ``points`` has shape (n, size), ``out`` (n,). Returns the index of the first invalid configuration, or -1.
     """
     for k in range(len(points)):
         q = configuration(map_, points, k)

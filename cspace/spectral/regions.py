@@ -1,4 +1,4 @@
-"""Regions and lattices for decompositions into balls; bounds of distances and volumes."""
+"""Regions to decompose, lattices over them, and bounds of distances and volumes."""
 
 from __future__ import annotations
 
@@ -20,28 +20,31 @@ from cspace.shapes import Balls, ExactShape, Pieces, Polygons, Shape
 from cspace.threads import in_chunks
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
-"""Rounding of a distance, relative to the largest coordinate: some hundred units, mostly unused."""
+"""Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly unused."""
 
 
 NORMAL_ROUNDING: Final = 2.0**-36
-"""Additional rounding of a distance from triangles that are not thin, relative to the size of the shape."""
+"""Additional rounding error of a distance from triangles that are not thin, relative to the size of the shape."""
 
 
 THIN_HEIGHT: Final = 2.0**-12 * (1.0 + 2.0**-20)
-"""Height of a triangle, relative to its longest side, up to which a distance may be too small by that much."""
+"""Height of a thin triangle, relative to its longest side.
+
+A distance from a triangle of at most this height may be too small by as much.
+"""
 
 
 MIN_DEPTHS_PER_THREAD: Final = 4_000
-"""Points below which a second thread does not pay."""
+"""Points per thread below which a further thread costs more time than it saves."""
 
 MAX_PIECES_PER_LEAF: Final = 6
-"""Pieces in a leaf of the tree."""
+"""Largest number of pieces in a leaf of the tree."""
 
 MAX_PENDING_NODES: Final = 64
 """Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces."""
 
 MAX_LATTICE_CELLS: Final = 2**24
-"""Largest number of cells of the box around a shape."""
+"""Largest number of cells of the lattice over a shape's bounding box."""
 
 BYTES_PER_LATTICE_CELL: Final = 64
 """Upper bound of the memory per lattice cell, bytes."""
@@ -57,55 +60,55 @@ USUAL_LATTICE_CELLS: Final = {
     2: 150_000,
     3: 120_000,
 }
-"""Cells of the box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension."""
+"""Cells of the bounding box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension."""
 
 VOLUME_CELLS: Final = 2**23
-"""Cells of the box that bounds a volume."""
+"""Number of cells of the grid with which a volume is bounded."""
 
 MAX_REFINED_CELLS: Final = 2**20
-"""Cells of the box up to which the lattice of a thin shape is refined."""
+"""Cells of the bounding box up to which the lattice of a thin shape is refined."""
 
 
 MIN_BOX_CELLS: Final = {2: 40_000, 3: 80_000}
-"""Cells of the box that resolve a shape, by dimension."""
+"""Smallest number of cells of the bounding box, by dimension."""
 
 MIN_SHAPE_CELLS: Final = {2: 15_000, 3: 20_000}
-"""Cells meeting the shape that resolve it, by dimension."""
+"""Smallest number of cells that meet the shape, by dimension."""
 
 BOX_CELLS_PER_BALL: Final = {2: 100, 3: 60}
-"""Cells of the box per ball that resolve balls, by dimension."""
+"""Smallest number of cells of the bounding box for each ball, by dimension."""
 
 
 MEASURE_ROUNDING: Final = 2.0**-40
-"""Rounding of a length or an area, relative to the whole."""
+"""Rounding error of a length or an area, relative to the whole."""
 
 UNION_ERROR: Final = 1e-9
 """Relative error of the area of a union of polygons, because GEOS may snap corners."""
 
 DISC_CORNERS: Final = 2**16
-"""Total number of corners of the polygons that stand for discs, if each polygon gets from 64 to 1024."""
+"""Total number of corners of the polygons that approximate discs; each polygon has 64 to 1024."""
 
 GAP_TOLERANCE: Final = 0.02
 """Relative difference of the bounds of a distance at which the search stops."""
 
 SIZE_TOLERANCE: Final = 1e-4
-"""Absolute difference of these bounds at which the search stops, relative to the size of the shape."""
+"""Difference of the bounds of a distance at which the search stops, relative to the size of the shape."""
 
 MAX_GAP_HALVINGS: Final = 14
-"""Largest number of halvings of the boxes that bound a distance."""
+"""Largest number of times that the boxes that bound a distance are halved."""
 
 MAX_GAP_BOXES: Final = 1_000_000
 """Largest number of boxes processed at once."""
 
 DIRECTIONS_PER_BALL: Final = 200
-"""Points of each sphere whose distance from the shape is measured."""
+"""Number of points of each sphere whose distance from the shape is measured."""
 
 
 class ShapeBoundary:
-    """The boundary of an exact shape, and distances from it.
+    """Boundary of an exact shape, and distances from it.
 
-    A plane lies in space as x = 0. ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), contain the boundary and
-    possibly more. ``error`` is the largest error of a distance. All lengths are in metres.
+    Shapes of the plane are placed in space at x = 0. ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), contain the
+    boundary and possibly more. ``error`` is the largest error of a distance. All lengths are in metres.
     """
 
     def __init__(self, shape: ExactShape) -> None:
@@ -122,7 +125,7 @@ class ShapeBoundary:
 
     @cached_property
     def measure(self) -> tuple[float, float]:
-        """Bounds of the area or volume.
+        """Lower and upper bound of the area or volume.
 
         They differ if the bodies of a mesh may overlap.
         """
@@ -134,33 +137,34 @@ class ShapeBoundary:
         return _bound_volume(self.shape)
 
     def depths(self, points: Floats) -> Floats:
-        """Bound the signed distance from the boundary from below.
+        """Compute lower bounds of the signed distances from the boundary.
 
-        It is positive inside; shape (n,), metres.
+        Distances are positive inside the shape. ``points`` has shape (n, d), the result (n,), metres.
         """
         near, far = self._distances(points)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats) -> Floats:
-        """Bound the distance from points to the shape from below.
+        """Compute lower bounds of the distances to the shape.
 
-        Points have shape (n, d), the result (n,), metres.
+        ``points`` has shape (n, d), the result (n,), metres; 0 inside the shape.
         """
         outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
         gaps[outside] = np.maximum(self._distances(points[outside])[0] - self.error, 0.0)
         return gaps
 
     def _distances(self, points: Floats) -> tuple[Floats, Floats]:
-        """Bound the distances from points (n, d) to the boundary, metres.
+        """Compute bounds of the distances to the boundary.
 
-        Their errors are at most :attr:`error`.
+        ``points`` has shape (n, d). Returns lower and upper bounds, shape (n,), metres, with errors of at most
+        :attr:`error`.
         """
         spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
         near, far = np.empty(len(points)), np.empty(len(points))
 
         def work(start: int, stop: int) -> int:
-            part = slice(start, stop)
-            bound_distances(self.tree, spatial[part], near[part], far[part])
+            chunk = slice(start, stop)
+            bound_distances(self.tree, spatial[chunk], near[chunk], far[chunk])
             return -1
 
         in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
@@ -181,10 +185,11 @@ class ShapeBoundary:
 
 
 class Region:
-    """A shape to decompose, by its outer and inner boundaries.
+    """A shape to decompose, with its two boundaries.
 
-    Both boundaries are equal if the shape is exact. ``bounds``, shape (2, d), are the corners of a box that contains
-    it, and ``size`` is the diagonal of the box; metres.
+    The shape contains the inner boundary's shape and lies in the outer one's; both are equal if the shape is exact.
+    ``bounds``, shape (2, d), are the corners of a box that contains it, and ``size`` is the diagonal of the box;
+    metres.
     """
 
     def __init__(self, shape: Shape) -> None:
@@ -196,7 +201,7 @@ class Region:
 
     @property
     def measure(self) -> tuple[float, float]:
-        """Bounds of the area or volume."""
+        """Lower and upper bound of the area or volume."""
         return self.inner.measure[0], self.outer.measure[1]
 
     @property
@@ -208,7 +213,7 @@ class Region:
         return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
 
     def make_grid(self, spacing: float) -> Grid:
-        """Return a grid that just covers the region.
+        """Create a grid that just covers the region.
 
         The spacing is in metres. Raises InputError if it has too many cells or does not fit into memory.
         """
@@ -222,25 +227,25 @@ class Region:
         return grid
 
     def depths(self, points: Floats) -> Floats:
-        """Bound the depth of points in the shape from below.
+        """Compute lower bounds of the depths of points in the shape.
 
-        It is negative outside; shape (n,), metres.
+        Depths are negative outside. ``points`` has shape (n, d), the result (n,), metres.
         """
         return self.inner.depths(points)
 
     def gaps(self, points: Floats) -> Floats:
-        """Bound the distance from points to the shape from below.
+        """Compute lower bounds of the distances to the shape.
 
-        Points have shape (n, d), the result (n,), metres.
+        ``points`` has shape (n, d), the result (n,), metres.
         """
         return self.outer.gaps(points)
 
 
 class Lattice:
-    """Cells of a grid whose union is proven to cover a region.
+    """Grid cells that are proven to cover a region.
 
-    Plane lattices get a first axis of length one. Lattice coordinates are in cell sides, from the lower corner of the
-    grid; along the added axis they are 0.5.
+    A lattice of the plane gets a first axis of one cell. Lattice coordinates are in cell sides, from the lower corner
+    of the grid; along the added axis they are 0.5.
 
     Attributes
     ----------
@@ -269,14 +274,19 @@ class Lattice:
 
     @cached_property
     def depths(self) -> Floats:
-        """Lower bounds of the signed distances at the cell centers, in sides."""
+        """Lower bounds of the depths at the cell centers.
+
+        They are in sides of a cell, shape (n,).
+        """
         return self.depths_at(self.cell_centers)
 
     @classmethod
     def for_tolerance(cls, region: Region, tolerance: float) -> Lattice:
-        """Return a lattice on which a tolerance, metres, can be proven.
+        """Create a lattice on which a tolerance can be proven.
 
-        Raises InputError if the tolerance takes too many cells.
+        The tolerance is in metres.
+
+        Raises InputError if that takes too many cells.
         """
         counts = USUAL_LATTICE_CELLS[region.dim], MAX_LATTICE_CELLS
         usual, finest = (float((region.box_volume / count) ** (1.0 / region.dim)) for count in counts)
@@ -289,29 +299,32 @@ class Lattice:
 
     @classmethod
     def for_count(cls, region: Region, number: int, finer: int = 1) -> Lattice:
-        """Return a lattice that resolves ``number`` balls.
+        """Create a lattice that resolves ``number`` balls.
 
         It has ``finer`` times as many cells as usual.
         """
         dim = region.dim
-        box = min(finer * max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
-        enough = finer * max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
+        box_cells = min(finer * max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
+        enough_cells = finer * max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
         while True:
-            lattice = cls(region, float((region.box_volume / box) ** (1.0 / dim)))
-            if len(lattice.cell_centers) >= enough or 2 * box > MAX_REFINED_CELLS:
+            lattice = cls(region, float((region.box_volume / box_cells) ** (1.0 / dim)))
+            if len(lattice.cell_centers) >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
                 return lattice
             # A thin shape fills little of its box, so it needs more cells in the box.
-            short = (enough / max(len(lattice.cell_centers), 1)) ** (dim / (dim - 1.0))
-            box = min(MAX_REFINED_CELLS, int(box * min(max(2.0, short), 16.0)))
+            factor = (enough_cells / max(len(lattice.cell_centers), 1)) ** (dim / (dim - 1.0))
+            box_cells = min(MAX_REFINED_CELLS, int(box_cells * min(max(2.0, factor), 16.0)))
 
     def to_metres(self, points: Floats) -> Floats:
-        """Convert lattice coordinates, (n, 3), to points (n, d) in metres."""
+        """Convert lattice coordinates to metres.
+
+        They have shape (n, 3), the result (n, d).
+        """
         return np.asarray((self.corner + self.side * points)[:, 3 - self.region.dim :])
 
     def depths_at(self, points: Floats) -> Floats:
         """Return the depths of the region at lattice coordinates.
 
-        Points have shape (n, 3); depths, in sides, (n,).
+        ``points`` has shape (n, 3); depths, in sides of a cell, have shape (n,).
         """
         return self.region.depths(self.to_metres(points)) / self.side
 
@@ -320,11 +333,18 @@ class Lattice:
 
 
 class PieceTree(NamedTuple):
-    """Pieces of a boundary in space, and the boxes of their tree.
+    """Pieces of a boundary and the boxes of their tree.
 
-    ``pieces`` (n, 3, 3) are triangles or, unless ``spatial``, segments between their first two corners. ``errors``
-    bound how much a distance to each piece may be too small. ``boxes`` (m, 7) and ``spans`` (m, 2) are as in
-    :class:`cspace.exact.triangles.Trees`.
+    Attributes
+    ----------
+    pieces : ndarray of float64, shape (n, 3, 3)
+        Triangles or, unless ``spatial``, segments between their first two corners.
+    errors : ndarray of float64, shape (n,)
+        Bounds of how much the distance to each piece may be too small.
+    boxes, spans : ndarray, shape (m, 7) and (m, 2)
+        As in :class:`cspace.exact.triangles.Trees`.
+    spatial : bool
+        Whether the pieces are triangles.
     """
 
     pieces: Floats
@@ -336,7 +356,10 @@ class PieceTree(NamedTuple):
 
 @kernel
 def _distance_to_box(point: Floats, box: Floats) -> float:
-    """Return the distance from a point to a box."""
+    """Return the distance from a point to a box.
+
+    ``box`` has the center and the half sides, shape (6,) or longer.
+    """
     square = 0.0
     for axis in range(3):
         square += max(0.0, abs(point[axis] - box[axis]) - box[3 + axis]) ** 2
@@ -345,9 +368,9 @@ def _distance_to_box(point: Floats, box: Floats) -> float:
 
 @jit  # a kernel could not allocate arrays
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
-    """Bound the distance from a point to the nearest piece.
+    """Return bounds of the distance to the nearest piece.
 
-    Both bounds are capped at ``cap``.
+    ``point`` has shape (3,). The lower and the upper bound are at most ``cap``; metres.
     """
     position, near, far = row_at(point, 0), cap, cap
     pending, gaps = np.empty(MAX_PENDING_NODES, dtype=np.int64), np.empty(MAX_PENDING_NODES)
@@ -368,21 +391,22 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
                     gap = math.sqrt(point_segment(position, row_at(piece[0], 0), row_at(piece[1], 0)))
                 near, far = min(near, gap), min(far, gap + tree.errors[n])
             continue
-        first, second = node + 1, node + 2 * (size // 2)
-        one, other = _distance_to_box(point, tree.boxes[first]), _distance_to_box(point, tree.boxes[second])
+        child_a, child_b = node + 1, node + 2 * (size // 2)
+        gap_a, gap_b = _distance_to_box(point, tree.boxes[child_a]), _distance_to_box(point, tree.boxes[child_b])
         # Push the nearer box last, so that it is popped first.
-        if one < other:
-            first, second, one, other = second, first, other, one
-        pending[count], pending[count + 1], gaps[count], gaps[count + 1] = first, second, one, other
+        if gap_a < gap_b:
+            child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
+        pending[count], pending[count + 1], gaps[count], gaps[count + 1] = child_a, child_b, gap_a, gap_b
         count += 2
     return near, far
 
 
 @kernel
 def bound_distances(tree: PieceTree, points: Floats, near: Floats, far: Floats) -> None:
-    """Bound the distances from points, shape (n, 3).
+    """Write bounds of the distances from points to the boundary.
 
-    Fastest if consecutive points are close together.
+    ``points`` has shape (n, 3); ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is
+    fast if consecutive points are close together.
     """
     for n in range(len(points)):
         cap = math.inf
@@ -395,9 +419,9 @@ def bound_distances(tree: PieceTree, points: Floats, near: Floats, far: Floats) 
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Bound the area or volume of a union of balls.
+    """Return bounds of the area or volume of balls.
 
-    Centers have shape (n, d) and radii (n,), in metres.
+    It is that of their union. ``centers`` has shape (n, d), ``radii`` (n,), metres.
     """
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))
@@ -416,7 +440,7 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
 
 
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
-    """Bound a volume by its inner and outer cells."""
+    """Return bounds of a volume by inner and outer cells."""
     lower, upper = np.array(shape.bounds)
     spacing = float(np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / VOLUME_CELLS))
     counts = np.ceil((upper - lower) / spacing) + 1.0
@@ -425,12 +449,13 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
 
 
 def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float, Floats]:
-    """Bound the largest distance from the shape to the balls, metres.
+    """Compute bounds of the largest distance from a shape to balls.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
-    point are halved until the bounds are close. Each box lies in the ball that contains it after the least growth: the
-    third result, shape (n,), is the growth of each ball that contains all its boxes, -inf for a ball without boxes. So
-    the grown balls cover the shape.
+    point are halved until the bounds are close. ``centers`` has shape (n, d), ``radii`` (n,), metres.
+
+    Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to the ball that
+    contains it after the least growth, so the grown balls cover the shape. The growth is -inf for a ball without boxes.
     """
     region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
@@ -439,15 +464,18 @@ def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tu
     growths = np.full(len(radii), -np.inf)
     halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))
     for level in range(MAX_GAP_HALVINGS + 1):
+        # A box center raises the lower bound only if it is proven to lie in the shape.
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         deeper = near > low
         low = max(low, float(near[deeper][region.depths(box_centers[deeper]) > 0.0].max(initial=0.0)))
-        left = far > low + max(GAP_TOLERANCE * low, SIZE_TOLERANCE * region.size)
-        if level == MAX_GAP_HALVINGS or np.count_nonzero(left) * len(halves) > MAX_GAP_BOXES:
-            left[:] = False
-        high = max(high, float(far[~left].max(initial=0.0)))
-        np.maximum.at(growths, owners[~left], far[~left])
-        box_centers, half = (box_centers[left, None] + half * halves).reshape(-1, dim), 0.5 * half
+        # Boxes that reach little beyond the lower bound are final; the others are halved.
+        is_open = far > low + max(GAP_TOLERANCE * low, SIZE_TOLERANCE * region.size)
+        if level == MAX_GAP_HALVINGS or np.count_nonzero(is_open) * len(halves) > MAX_GAP_BOXES:
+            is_open[:] = False
+        high = max(high, float(far[~is_open].max(initial=0.0)))
+        np.maximum.at(growths, owners[~is_open], far[~is_open])
+        box_centers, half = (box_centers[is_open, None] + half * halves).reshape(-1, dim), 0.5 * half
+        # Drop boxes that are proven to lie outside the shape.
         box_centers = box_centers[region.gaps(box_centers) <= half * math.sqrt(dim) * (1.0 + 1e-9) + error]
         if not len(box_centers):
             break
@@ -455,9 +483,10 @@ def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tu
 
 
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Bound the largest distance from the balls to the shape, metres.
+    """Compute bounds of the largest distance from balls to a shape.
 
-    A ball exceeds its depth in the shape by at most the difference of radius and depth.
+    ``centers`` has shape (n, d), ``radii`` (n,), metres. The upper bound comes from the depths of the centers: a ball
+    sticks out of the shape by at most its radius minus that depth. The lower bound comes from points of the spheres.
     """
     high = max(0.0, float((radii - region.depths(centers)).max()))
     directions = np.random.default_rng(0).normal(size=(DIRECTIONS_PER_BALL, region.dim))
@@ -470,16 +499,17 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
 
 
 def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats, Ints]:
-    """Measure cubes of half side ``half`` around points against balls, in threads.
+    """Measure cubes around points against balls, in threads.
 
-    Returns the distance from each point to the nearest ball, the least length by which a ball must grow to contain the
-    cube, and that ball, all of shape (n,). Lengths are negative deep in a ball.
+    ``points`` has shape (n, d); ``half`` is half the side of a cube; metres. Returns three arrays of shape (n,): the
+    distance from each point to the nearest ball, the least length by which a ball must grow to contain the cube, and
+    the index of that ball. Lengths are negative deep in a ball.
     """
     near, far, owners = np.empty(len(points)), np.empty(len(points)), np.empty(len(points), dtype=np.int64)
 
     def work(start: int, stop: int) -> int:
-        part = slice(start, stop)
-        measure_cubes(points[part], half, centers, radii, near[part], far[part], owners[part])
+        chunk = slice(start, stop)
+        measure_cubes(points[chunk], half, centers, radii, near[chunk], far[chunk], owners[chunk])
         return -1
 
     in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
@@ -490,21 +520,21 @@ def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tu
 def measure_cubes(
     points: Floats, half: float, centers: Floats, radii: Floats, near: Floats, far: Floats, owners: Ints
 ) -> None:
-    """Fill the results of :func:`cube_gaps`."""
+    """Write the results of :func:`cube_gaps`."""
     dim = points.shape[1]
     for n in range(len(points)):
         nearest, growth, owner = math.inf, math.inf, 0
-        for m in range(len(centers)):
-            center, corner = 0.0, 0.0
+        for ball in range(len(centers)):
+            center_square, corner_square = 0.0, 0.0
             for axis in range(dim):
-                d = abs(points[n, axis] - centers[m, axis])
-                center += d * d
-                corner += (d + half) * (d + half)
+                offset = abs(points[n, axis] - centers[ball, axis])
+                center_square += offset * offset
+                corner_square += (offset + half) * (offset + half)
             # Few balls are nearer than all before, so that most roots are not needed.
-            reach = max(nearest + radii[m], 0.0)
-            if center < reach * reach:
-                nearest = math.sqrt(center) - radii[m]
-            reach = max(growth + radii[m], 0.0)
-            if corner < reach * reach:
-                growth, owner = math.sqrt(corner) - radii[m], m
+            reach = max(nearest + radii[ball], 0.0)
+            if center_square < reach * reach:
+                nearest = math.sqrt(center_square) - radii[ball]
+            reach = max(growth + radii[ball], 0.0)
+            if corner_square < reach * reach:
+                growth, owner = math.sqrt(corner_square) - radii[ball], ball
         near[n], far[n], owners[n] = nearest, growth, owner

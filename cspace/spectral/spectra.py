@@ -49,34 +49,38 @@ from cspace.spectral.descriptors import PLACEMENT_ROUNDING, BallDescriptor, chec
 from cspace.threads import cores
 
 Complexes = NDArray[np.complex128]
+"""Array of complex numbers."""
 
 MIN_SPECTRUM_TOLERANCE: Final = 1e-12
-"""Smallest tolerance of a spectrum, because non-uniform transforms round more than tables."""
+"""Smallest tolerance of a spectrum; non-uniform transforms round more than tables."""
 
 
 TRANSFORM_TOLERANCE_SHARE: Final = 0.03
-"""Share of the tolerance demanded of a non-uniform transform.
+"""Fraction of the tolerance that a non-uniform transform must meet.
 
-The tolerance of a transform bounds a 2-norm; errors of single values up to seven times larger were observed."""
+The tolerance of a transform bounds a 2-norm; errors of single values up to seven times larger were observed.
+"""
 
 
 MIN_TRANSFORM_TOLERANCE: Final = 2e-14
-"""Smallest tolerance demanded of a non-uniform transform; smaller ones are below its rounding."""
+"""Smallest tolerance that a non-uniform transform can meet, because of its rounding."""
 
 
 UPSAMPLING_FACTORS: Final = ((1e-8, 1.25), (1e-11, 1.5), (0.0, 2.0))
-"""Smallest transform tolerance and the upsampling factor for it; with less upsampling, errors exceeded the tolerance.
+"""Pairs of a transform tolerance and the upsampling factor for it and above.
+
+With less upsampling, errors exceeded the tolerance.
 """
 
 
 MIN_THREADED_SAMPLES: Final = 2**19
-"""Samples of a transform from which several threads pay."""
+"""Number of samples of a transform from which several threads save time."""
 
 MAX_SUMMED_BALLS: Final = {
     2: 48,
     3: 96,
 }
-"""Balls of one radius up to which sums of products are faster than a transform, by dimension."""
+"""Number of balls of one radius up to which sums of products are faster than a transform, by dimension."""
 
 BYTES_PER_FREQUENCY: Final = {
     2: 120.0,
@@ -85,26 +89,27 @@ BYTES_PER_FREQUENCY: Final = {
 """Upper bound of the memory per value of a spectrum, bytes, by dimension."""
 
 MIN_SUM_COST: Final = 0.5
-"""Smallest cost of a radius with few balls, relative to a transform."""
+"""Smallest cost of summing a radius with few balls, relative to a transform."""
 
 MIN_BASIS_TRANSFORMS: Final = 8.0
 """Number of transforms above which a basis of radii is tried."""
 
 
 BASIS_TOLERANCE_SHARE: Final = 0.02
-"""Share of the tolerance of a basis for each source of error: spectra, nodes, decomposition and tables.
+"""Fraction of the tolerance for each source of error of a basis: spectra, nodes, decomposition and tables.
 
-The first three errors grow by the Lebesgue constant of the nodes, below 6 for a thousand nodes."""
+The first three errors grow by the Lebesgue constant of the nodes, below 6 for a thousand nodes.
+"""
 
 
 MAX_NODES_PER_TRANSFORM: Final = 6.0
-"""Nodes per saved transform above which no basis is sought."""
+"""Largest number of nodes of a basis for each transform that it saves."""
 
 SAMPLES_PER_NODE: Final = 4
-"""Frequencies per node at which spectra are decomposed."""
+"""Number of frequencies per node at which spectra are decomposed."""
 
 PERIOD_SLACK: Final = 1e-9
-"""Relative rounding by which balls may exceed the period."""
+"""Relative rounding error by which balls may exceed the period."""
 
 
 def ball_spectrum(
@@ -117,10 +122,11 @@ def ball_spectrum(
     *,
     weights: ArrayLike | None = None,
 ) -> Complexes:
-    """Compute the spectrum of balls on a lattice of frequencies.
+    """Compute the spectrum of balls.
 
-    ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` at ``w = k / lengths``, in the order of ``numpy.fft.fftfreq``. These
-    are the Fourier coefficients of ``f``, repeated with these periods, times the product of ``lengths``.
+    It is ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` on a lattice of frequencies, ``w = k / lengths``, in the order of
+    ``numpy.fft.fftfreq``. These are the Fourier coefficients of ``f``, repeated with these periods, times the product
+    of ``lengths``.
 
     Parameters
     ----------
@@ -171,19 +177,23 @@ def ball_spectrum(
 
 
 def finufft_module() -> Any:
-    """Import finufft; raise MissingPackageError if it is not installed."""
+    """Import finufft.
+
+    Raises MissingPackageError if it is not installed.
+    """
     return import_optional("finufft", "spectra at centers that lie on no lattice need it", "spectral")
 
 
 def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -> Floats:
-    """Evaluate Fourier series of real functions at points, shape (n, d), radians.
+    """Evaluate Fourier series of real functions at points.
 
-    ``spectra`` are the coefficients (m, counts) in the order of numpy.fft; the result has shape (m, n). The tolerance
-    is relative to the 2-norm of the coefficients of a series. One complex transform evaluates two series: scaled alike,
-    one becomes the real part and the other the imaginary part.
+    ``points`` has shape (n, d), in radians. ``spectra``, shape (m, counts), are the coefficients in the order of
+    numpy.fft; the result has shape (m, n). The tolerance is relative to the 2-norm of the coefficients of a series. One
+    complex transform evaluates two series: scaled alike, one becomes the real part and the other the imaginary part.
     """
     sizes = np.linalg.norm(spectra.reshape(len(spectra), -1), axis=1)
     scaled = spectra / np.where(sizes > 0.0, sizes, 1.0).reshape(-1, *[1] * points.shape[1])
+    # Odd series become the imaginary parts of the even ones; the last one may be single.
     pairs = scaled[::2].copy()
     pairs[: len(scaled) // 2] += 1j * scaled[1::2]
     transform, finer = getattr(finufft_module(), f"nufft{points.shape[1]}d2"), _upsampling_factor(tolerance)
@@ -194,12 +204,12 @@ def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -
 
 
 def _upsampling_factor(tolerance: float) -> float:
-    """Return the upsampling factor for a tolerance."""
+    """Return the upsampling factor for a transform tolerance."""
     return next(finer for least, finer in UPSAMPLING_FACTORS if tolerance >= least)
 
 
 def _threads(samples: float) -> int:
-    """Return the number of threads that pays for a transform."""
+    """Return the number of threads for a transform."""
     return cores() if samples >= MIN_THREADED_SAMPLES else 1
 
 
@@ -207,9 +217,16 @@ def _threads(samples: float) -> int:
 
 
 class Term(NamedTuple):
-    """Waves around points, times a function of the frequency's modulus.
+    """Waves around points, times a radial factor.
 
-    Each point has a strength.
+    Attributes
+    ----------
+    members : ndarray of int, shape (n,)
+        Indices of the points.
+    strengths : ndarray of float64, shape (n,)
+        Factor of each point's wave.
+    factor : ndarray of float64, shape (moduli,)
+        Factor of each modulus of the frequency.
     """
 
     members: NDArray[np.intp]
@@ -218,7 +235,10 @@ class Term(NamedTuple):
 
 
 def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float) -> Iterator[Term]:
-    """Yield one term for each radius, at the given moduli of the frequency."""
+    """Yield one term for each radius.
+
+    ``moduli``, ascending, are those of the frequencies, in cycles per metre.
+    """
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     order = np.argsort(radii, kind="stable")
     different, starts = np.unique(radii[order], return_index=True)
@@ -229,46 +249,53 @@ def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolera
 def radius_basis(
     bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float, alone: float
 ) -> Iterator[Term] | None:
-    """Return fewer than ``alone`` terms for all radii, or None.
+    """Return a few terms that serve all radii.
 
-    As a function of the radius, ``psi^(r |w|)`` is a mixture of exponentials whose phase is at most ``2 pi |w| r``. So
-    it is interpolated between Chebyshev nodes in the radius with the same proven error as in the frequency
-    (:class:`RadialTable`). A singular value decomposition of the spectra at the nodes leaves as many combinations as
-    the tolerance needs. The strength of a ball in each combination depends on its radius.
+    Returns None unless there are fewer than ``alone`` terms, the cost without a basis. As a function of the radius,
+    ``psi^(r |w|)`` is a mixture of exponentials whose phase is at most ``2 pi |w| r``. So it is interpolated between
+    Chebyshev nodes in the radius with the same proven error as in the frequency (:class:`RadialTable`). A singular
+    value decomposition of the spectra at the nodes leaves as many combinations as the tolerance needs. The strength of
+    a ball in each combination depends on its radius.
     """
-    most, largest = float(moduli.max()), float(radii.max())
-    center, half = 0.5 * (float(radii.min()) + largest), 0.5 * (largest - float(radii.min()))
+    max_modulus, max_radius = float(moduli.max()), float(radii.max())
+    center, half = 0.5 * (float(radii.min()) + max_radius), 0.5 * (max_radius - float(radii.min()))
     within = BASIS_TOLERANCE_SHARE * tolerance
-    count = count_nodes(within, 2.0 * math.pi * most * half)
+    count = count_nodes(within, 2.0 * math.pi * max_modulus * half)
     if count > MAX_NODES_PER_TRANSFORM * alone:
         return None
-    spectrum = bump.table(dim, largest * most + 2.0 * TABLE_HALF_WIDTH, max(MIN_TOLERANCE, within))
+    spectrum = bump.table(dim, max_radius * max_modulus + 2.0 * TABLE_HALF_WIDTH, max(MIN_TOLERANCE, within))
     nodes = center + half * chebyshev_nodes(count)
     left, sizes, _ = np.linalg.svd(
-        spectrum(nodes[:, None] * (most * np.linspace(0.0, 1.0, SAMPLES_PER_NODE * count))), full_matrices=False
+        spectrum(nodes[:, None] * (max_modulus * np.linspace(0.0, 1.0, SAMPLES_PER_NODE * count))), full_matrices=False
     )
     rank = int(np.count_nonzero(sizes > within * spectrum(np.zeros(1))[0]))
     if rank >= alone:
         return None
     combinations = left[:, :rank]
     # Tables need unit band limit, so frequencies are in cycles per largest radius.
-    values = spectrum((nodes / largest)[:, None, None] * table_points(largest * most, within / math.sqrt(count)))
+    values = spectrum(
+        (nodes / max_radius)[:, None, None] * table_points(max_radius * max_modulus, within / math.sqrt(count))
+    )
     position = np.clip((radii - center) / half, -1.0, 1.0)
     strengths = np.polynomial.chebyshev.chebval(position, chebyshev_coefficients(combinations)) * radii**dim
-    everywhere = np.arange(len(radii))
+    all_balls = np.arange(len(radii))
     return (
-        Term(everywhere, row, RadialTable(np.tensordot(column, values, axes=1), largest * most)(largest * moduli))
+        Term(
+            all_balls,
+            row,
+            RadialTable(np.tensordot(column, values, axes=1), max_radius * max_modulus)(max_radius * moduli),
+        )
         for row, column in zip(strengths, combinations.T, strict=True)
     )
 
 
 class _LatticeSum:
-    """The sum X that makes a spectrum ``X(w) + conj(X(-w))``.
+    """Half of a spectrum, to which terms are added.
 
-    The lattice contains ``-w`` with each ``w``. A descriptor is real, so ``F(-w)`` is the conjugate of ``F(w)``. With
-    strengths ``a + i b``, one transform G holds the transforms A and B of two real terms. With radial factors g and h,
-    ``g A + h B`` is ``X(w) + conj(X(-w))`` for ``X = G (g - i h) / 2``. So the X of all pairs are summed and mirrored
-    once.
+    It is the sum X that makes the spectrum ``X(w) + conj(X(-w))``. The lattice contains ``-w`` with each ``w``. A
+    descriptor is real, so ``F(-w)`` is the conjugate of ``F(w)``. With strengths ``a + i b``, one transform G holds the
+    transforms A and B of two real terms. With radial factors g and h, ``g A + h B`` is ``X(w) + conj(X(-w))`` for ``X =
+    G (g - i h) / 2``. So the X of all pairs are summed and mirrored once.
 
     Points are given in periods. :attr:`moduli` are the distinct moduli of the frequencies, ascending, cycles per metre.
     """
@@ -277,7 +304,7 @@ class _LatticeSum:
         self._shares = shares - np.round(shares)
         self._counts, self._tolerance = counts, tolerance
         shape = tuple(2 * (m // 2) + 1 for m in counts)
-        # All orthants have the same moduli, so one is enough.
+        # All orthants have the same moduli, so one is enough. `_which` is the index of each frequency's modulus.
         axes = [np.arange(m // 2 + 1) / period for m, period in zip(shape, periods.tolist(), strict=True)]
         orthant = np.sqrt(sum(part * part for part in np.meshgrid(*axes, indexing="ij", sparse=True)))
         self.moduli, which = np.unique(orthant, return_inverse=True)
@@ -289,7 +316,7 @@ class _LatticeSum:
         self._summed_points: NDArray[np.intp] | None = None
 
     def spectrum(self, terms: Iterable[Term]) -> Complexes:
-        """Return ``X(w) + conj(X(-w))``.
+        """Return the spectrum, ``X(w) + conj(X(-w))``.
 
         Terms of few points are summed, the others transformed in pairs.
         """
@@ -310,6 +337,7 @@ class _LatticeSum:
 
     @cached_property
     def _plan(self) -> Any:
+        """Plan of the non-uniform transforms."""
         demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * self._tolerance)
         finer = _upsampling_factor(demanded)
         threads = _threads(self._half.size * finer**self._half.ndim)
@@ -317,7 +345,7 @@ class _LatticeSum:
         return finufft_module().Plan(1, self._half.shape, dtype="complex128", **options)
 
     def _transform(self, first: Term, second: Term) -> None:
-        """Add two terms by one transform."""
+        """Add two terms by one complex transform."""
         # Terms of the same points combine their strengths; other terms are concatenated.
         if first.members is second.members:
             points, strengths = first.members, first.strengths + 1j * second.strengths
@@ -331,9 +359,10 @@ class _LatticeSum:
         self._add(self._plan.execute(strengths), 0.5 * (first.factor - 1j * second.factor))
 
     def _sum_waves(self, term: Term) -> Complexes:
-        """Sum ``exp(-2 pi i k.share)`` over points.
+        """Sum the waves of a term.
 
-        The sums are products of one factor per axis.
+        They are ``exp(-2 pi i k.share)`` for each point, times its strength. The sums are products of one factor per
+        axis.
         """
         if term.members is not self._summed_points:  # terms of a basis share their points
             self._summed_points = term.members
@@ -347,7 +376,10 @@ class _LatticeSum:
         return np.asarray(((first * term.strengths) @ others.T).reshape(self._half.shape))
 
     def _add(self, waves: Complexes, factor: Floats | Complexes) -> None:
-        """Add waves times a factor that depends on the modulus."""
+        """Add waves times a radial factor.
+
+        ``waves`` has the shape of the spectrum, ``factor`` shape (moduli,).
+        """
         waves *= factor[self._which]
         self._half += waves
 
@@ -363,7 +395,7 @@ def _frequency_indices(count: int) -> NDArray[np.intp]:
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
     """Return positive periods along the axes, shape (dim,).
 
-    One number applies to all axes.
+    One number applies to all axes. Raises InputError for anything else.
     """
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
@@ -392,9 +424,10 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
 
 
 def _check_fits(sizes: Floats, lengths: Floats) -> None:
-    """Raise InputError if the balls do not fit into one period.
+    """Raise InputError if balls exceed one period.
 
-    Otherwise they would overlap their copies.
+    ``sizes`` are their extents and ``lengths`` the periods, shape (d,), metres. Balls that exceed it would overlap
+    their copies.
     """
     if (sizes > lengths * (1.0 + PERIOD_SLACK)).any():
         axis = int(np.argmax(sizes / lengths))
@@ -403,6 +436,7 @@ def _check_fits(sizes: Floats, lengths: Floats) -> None:
 
 
 PairTable = Callable[[Floats], tuple[Floats, float]]
+"""Function that maps the distances of pairs, metres, to integrals and their error."""
 
 ROUNDING_UNIT: Final = 2.0**-52
 """Twice the relative rounding error of one operation."""
@@ -414,46 +448,49 @@ BOUND_ROUNDING: Final = 1.0 + 2.0**-30
 """Factor that covers the rounding of the bounds themselves."""
 
 ENERGY_SAMPLES: Final = 4096
-"""Samples of the energy of a bump from which the band is chosen."""
+"""Number of samples of the energy of a bump from which the band is chosen."""
 
 PAIR_TABLE_NODES: Final = 64
-"""Distances in a table for pairs of two radii."""
+"""Number of distances in a table for pairs of two radii."""
 
 SELF_INTEGRAL_ERROR: Final = 1e-13
 """Relative error of the integral of the squared bump."""
 
 BALLS_PER_BATCH: Final = 2**8
-"""Balls whose neighbours are held at once."""
+"""Number of balls whose neighbors are held in memory at once."""
 
 
 def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
-    """Estimate the frequency, cycles per metre, for an overlap bound.
+    """Estimate the highest frequency that matters.
 
-    Frequencies above it contribute less than ``bound``. Above the frequencies of the gaps between balls, their energies
-    add up. So the energy of a set above a frequency is the sum of the energies of its bumps. The result is at most
-    :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
+    It is in cycles per metre. Frequencies above it contribute less than ``bound`` to the overlap. Above the frequencies
+    of the gaps between balls, their energies add up. So the energy of a set above a frequency is the sum of the
+    energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
     """
     k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, ENERGY_SAMPLES)
     energy = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)(k) ** 2 * sphere_measure(k, a.dim)
     above = np.cumsum(energy[::-1])[::-1] * k[1]
-    every = np.concatenate([a.radii, b.radii])
-    frequencies = np.geomspace(0.1 / every.max(), MAX_CYCLES_PER_RADIUS / every.min(), 400)
+    all_radii = np.concatenate([a.radii, b.radii])
+    frequencies = np.geomspace(0.1 / all_radii.max(), MAX_CYCLES_PER_RADIUS / all_radii.min(), 400)
     tails = []
     for balls in (a, b):
         radii, counts = np.unique(balls.radii, return_counts=True)
         tails.append(
-            sum(n * r**a.dim * np.interp(r * frequencies, k, above) for r, n in zip(radii, counts, strict=True))
+            sum(
+                count * radius**a.dim * np.interp(radius * frequencies, k, above)
+                for radius, count in zip(radii, counts, strict=True)
+            )
         )
-    enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
-    return float(frequencies[np.argmax(enough)] if enough.any() else frequencies[-1])
+    is_enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
+    return float(frequencies[np.argmax(is_enough)] if is_enough.any() else frequencies[-1])
 
 
 class Rings(NamedTuple):
-    """Half of the frequencies in a band, ordered by rings.
+    """Frequencies of a band, ordered by rings.
 
-    They are ``k / lengths`` with ``|k| <= halves``; a ring has similar moduli. Descriptors are real, so opposite
-    frequencies have conjugate terms. Only frequency zero and the frequencies whose first non-zero entry is positive are
-    stored.
+    They are ``w = k / lengths`` with ``|k| <= halves``; the frequencies of a ring have similar moduli. Descriptors are
+    real, so opposite frequencies have conjugate terms. Only frequency zero and the frequencies whose first non-zero
+    entry is positive are stored.
 
     Attributes
     ----------
@@ -479,7 +516,7 @@ class Rings(NamedTuple):
     def of(cls, lengths: Floats, halves: tuple[int, ...]) -> Rings:
         """Build the rings of a period.
 
-        Each is as wide as one cycle in its longest side.
+        ``lengths``, shape (d,), are the periods, metres. A ring is as wide as one cycle in the longest of them.
         """
         axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
@@ -496,7 +533,10 @@ class Rings(NamedTuple):
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of frequencies along each axis, both halves: odd numbers."""
+        """Number of frequencies along each axis.
+
+        Both halves count, so the numbers are odd.
+        """
         return tuple(2 * half + 1 for half in self.halves)
 
     @property
@@ -505,11 +545,17 @@ class Rings(NamedTuple):
         return float(np.prod(self.lengths))
 
     def sums(self, values: Floats) -> Floats:
-        """Sum values in ring order over each ring, shape (rings,)."""
+        """Sum values over each ring.
+
+        ``values``, shape (n,), are in ring order; the result has shape (rings,).
+        """
         return np.asarray(np.add.reduceat(values, self.starts[:-1]))
 
     def to_rings(self, box: Complexes) -> Complexes:
-        """Convert a spectrum in the order of numpy.fft to ring order."""
+        """Convert a spectrum to ring order.
+
+        It must be in the order of numpy.fft.
+        """
         return box.reshape(-1)[self._flat_indices(1)]
 
     def to_box(self, half: Complexes) -> Complexes:
@@ -522,9 +568,9 @@ class Rings(NamedTuple):
         return flat.reshape(self.counts)
 
     def _flat_indices(self, sign: int) -> Ints:
-        """Return the flat index of each frequency in a full spectrum.
+        """Return the index of each frequency in a spectrum.
 
-        ``sign`` -1 gives the opposite frequency.
+        The spectrum is full, flat and in the order of numpy.fft. ``sign`` -1 gives the opposite frequency.
         """
         columns = sign * self.indices.T.astype(np.int64)
         return np.asarray(np.ravel_multi_index(tuple(columns), self.counts, mode="wrap"))
@@ -542,16 +588,20 @@ class Spectrum(NamedTuple):
 
     @classmethod
     def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
-        """Transform a ball set about a point."""
+        """Compute the spectrum of balls about a point.
+
+        ``center`` has shape (d,), metres; ``accuracy`` is relative to the largest value.
+        """
         box = ball_spectrum(balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
         moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
         error = balls.integral * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
         return cls(rings.to_rings(box), error)
 
     def tail(self, rings: Rings, norm: tuple[float, float]) -> float:
-        """Bound the energy of all frequencies outside the band (Parseval).
+        """Return an upper bound of the energy outside the band.
 
-        It is the integral of the squared descriptor, :func:`norm_square`, minus the energy in the band.
+        By Parseval's theorem, it is the integral of the squared descriptor, :func:`norm_square`, minus the energy in
+        the band.
         """
         moduli, (total, off) = np.abs(self.values), norm
         inside = float((rings.twice * moduli * (moduli - 2.0 * self.error)).sum()) / rings.volume
@@ -559,9 +609,9 @@ class Spectrum(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """Terms of the overlap for each frequency, and bounds of partial sums.
+    """Terms of the overlap, with bounds of partial sums.
 
-    Compiled functions take this record.
+    There is a term for each frequency. Kernels take this record.
 
     Attributes
     ----------
@@ -583,7 +633,7 @@ class Terms(NamedTuple):
 
     @classmethod
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
-        """Build the terms of the overlap of A with B.
+        """Build the terms of an overlap.
 
         ``first`` is the spectrum of A, which moves, ``second`` that of B. Within the band, the sum of the moduli bounds
         the remaining terms. Outside, ``tail`` does, the product of the two tail norms (Cauchy and Schwarz). ``far``, in
@@ -591,9 +641,9 @@ class Terms(NamedTuple):
         """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()
-        a, b = np.abs(first.values), np.abs(second.values)
+        moduli_a, moduli_b = np.abs(first.values), np.abs(second.values)
         moduli = np.abs(products)
-        errors = weights * (a * second.error + b * first.error + first.error * second.error)
+        errors = weights * (moduli_a * second.error + moduli_b * first.error + first.error * second.error)
         per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
         after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
         # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per term and per ring.
@@ -607,13 +657,16 @@ class Terms(NamedTuple):
 
 # ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
 
+BELOW, ABOVE, OPEN = range(3)
+"""Verdicts about an overlap and a threshold, equal to MISS, HIT and UNDECIDED of :class:`cspace.spectral.Verdict`."""
+
 
 @kernel
 def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
-    """Set ``phases[center + k]`` to exp(2 pi i k share).
+    """Write the phases of a range of frequencies.
 
-    It does so for ``first <= |k| <= last``. ``share`` is the placement along an axis, in periods. Each factor is
-    computed independently, so that errors do not accumulate.
+    It sets ``phases[center + k]`` to exp(2 pi i k share) for ``first <= |k| <= last``. ``share`` is the placement along
+    an axis, in periods. Each factor is computed independently, so that errors do not accumulate.
     """
     center = len(phases) // 2
     for k in range(first, last + 1):
@@ -626,18 +679,19 @@ def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
 
 @kernel
 def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
-    """Sum the real parts of terms over frequencies [start, stop).
+    """Sum the real parts of a range of terms.
 
-    The terms are ``products * exp(2 pi i k.t)``.
+    The terms are ``products * exp(2 pi i k.t)`` for the frequencies [start, stop) in ring order. ``phases``, shape (d,
+    2 m + 1), are those of each axis.
     """
     products, indices = terms.products, terms.indices
     center = phases.shape[1] // 2
     total = 0.0
     for n in range(start, stop):
-        turn = phases[0, center + indices[n, 0]] * phases[1, center + indices[n, 1]]
+        phase = phases[0, center + indices[n, 0]] * phases[1, center + indices[n, 1]]
         if len(phases) == 3:
-            turn *= phases[2, center + indices[n, 2]]
-        total += products[n].real * turn.real - products[n].imag * turn.imag
+            phase *= phases[2, center + indices[n, 2]]
+        total += products[n].real * phase.real - products[n].imag * phase.imag
     return total
 
 
@@ -645,9 +699,10 @@ def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
 def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
     """Sum ring after ring until the sum decides.
 
-    Returns the verdict, the number of frequencies, the sum and its bound. The sum never decides if the threshold is
-    NaN. ``placement``, metres, is the center of A relative to the center of B. ``phases`` is scratch of shape (d, 2 m +
-    1) for the highest frequency m of an axis.
+    Returns the verdict, the number of frequencies, the sum and its bound. The verdict is BELOW or ABOVE if the sum and
+    its bound prove it, otherwise OPEN; if the threshold is NaN, it is OPEN. ``placement``, shape (d,), metres, is the
+    center of A relative to the center of B. ``phases`` is scratch of shape (d, 2 m + 1) for the highest frequency m of
+    an axis.
     """
     starts, reaches = terms.starts, terms.reaches
     total = 0.0
@@ -658,16 +713,17 @@ def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexe
         total += add_terms(terms, phases, starts[ring], starts[ring + 1])
         bound = terms.bounds[ring + 1]
         if total + bound < threshold:
-            return 0, starts[ring + 1], total, bound
+            return BELOW, starts[ring + 1], total, bound
         if total - bound > threshold:
-            return 1, starts[ring + 1], total, bound
-    return 2, starts[-1], total, terms.bounds[-1]
+            return ABOVE, starts[ring + 1], total, bound
+    return OPEN, starts[-1], total, terms.bounds[-1]
 
 
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-    """Apply :func:`separate` to placements, shape (n, d).
+    """Apply :func:`separate` to many placements.
 
-    Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
+    They have shape (n, d), metres. Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n,
+    2).
     """
     number = len(placements)
     out = np.empty(number, np.uint8), np.empty(number, np.int64), np.empty((number, 2))
@@ -680,16 +736,19 @@ def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[By
 def separate_each(
     placements: Floats, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
 ) -> None:
-    """Apply :func:`separate` to each placement; fill ``out``."""
+    """Apply :func:`separate` to each placement.
+
+    ``placements`` has shape (n, d); the results fill ``out``.
+    """
     verdicts, counts, sums = out
     for n in range(len(placements)):
         verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(placements[n], terms, threshold, phases)
 
 
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:
-    """Integrate the square of a descriptor, as the sum over all pairs of balls.
+    """Integrate the square of a descriptor.
 
-    Returns it with its error.
+    Returns the integral, a sum over all pairs of balls, and a bound of its error.
     """
     bump = balls.bump
     radii, which = np.unique(balls.radii, return_inverse=True)
@@ -701,9 +760,8 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     for i, j in _touching_pairs(balls):
         gaps = np.linalg.norm(balls.centers[i] - balls.centers[j], axis=1)
         keys, group, counts = np.unique(which[i] * len(radii) + which[j], return_inverse=True, return_counts=True)
-        many = (counts > PAIR_TABLE_NODES) & (
-            not bump.is_indicator
-        )  # whose integrals are no smooth function of the distance
+        # Radii with many pairs get a table, except for indicators, whose integrals are not smooth in the distance.
+        many = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
         for number in np.flatnonzero(many):
             key = int(keys[number])
             if key not in tables:
@@ -719,26 +777,29 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
 
 
 def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
-    """Yield batches of pairs of touching balls, larger ball first."""
+    """Yield the pairs of touching balls, in batches.
+
+    Each batch is two index arrays, shape (n,), the larger ball first.
+    """
     from scipy.spatial import cKDTree
 
     centers, radii = balls.centers, balls.radii
-    tree, placement = cKDTree(centers), np.empty(len(radii), dtype=np.int64)
-    placement[np.argsort(radii, kind="stable")] = np.arange(len(radii))
-    for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / BALLS_PER_BATCH)):
+    tree, rank = cKDTree(centers), np.empty(len(radii), dtype=np.int64)
+    rank[np.argsort(radii, kind="stable")] = np.arange(len(radii))
+    for batch in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / BALLS_PER_BATCH)):
         # A smaller ball that touches this one has its center within twice this radius.
-        near = tree.query_ball_point(centers[part], 2.0 * radii[part] * (1.0 + 2.0**-40))
-        i = np.repeat(part, [len(each) for each in near])
+        near = tree.query_ball_point(centers[batch], 2.0 * radii[batch] * (1.0 + 2.0**-40))
+        i = np.repeat(batch, [len(each) for each in near])
         j = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
         square = ((centers[i] - centers[j]) ** 2).sum(axis=1)
-        meeting = (placement[j] < placement[i]) & (square <= (radii[i] + radii[j]) ** 2)
+        meeting = (rank[j] < rank[i]) & (square <= (radii[i] + radii[j]) ** 2)
         yield i[meeting], j[meeting]
 
 
 def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> PairTable:
-    """Return a table of pair integrals for two radii.
+    """Tabulate the integrals of pairs of two radii.
 
-    It maps distances to integrals and their error.
+    ``first`` and ``second`` are the radii, metres.
     """
     reach = first + second
     nodes = chebyshev_nodes(PAIR_TABLE_NODES)
@@ -746,5 +807,5 @@ def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> PairTab
     gaps = 0.5 * reach * (1.0 + np.concatenate([nodes, between]))
     values, errors = pair_integrals(bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim)
     fit = np.polynomial.Chebyshev(chebyshev_coefficients(values[:PAIR_TABLE_NODES]))
-    off = float(errors.max()) + SAFETY_FACTOR * float(np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max())
-    return lambda distances: (np.asarray(fit(np.minimum(2.0 * distances / reach, 2.0) - 1.0)), off)
+    error = float(errors.max()) + SAFETY_FACTOR * float(np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max())
+    return lambda distances: (np.asarray(fit(np.minimum(2.0 * distances / reach, 2.0) - 1.0)), error)
