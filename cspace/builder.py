@@ -101,11 +101,11 @@ def build(
         :meth:`CSpace.add_obstacle`) is a robot with its reference point at the origin of the shape.
     rotations : int, array-like or Rotations, optional
         Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about z in space: the
-        number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over
-        2 pi. For all rotations in space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for
-        every position and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored once.
-        A map of more than 2^29 states in 8 slices or more, without overlap counts, takes two bits per state instead of
-        a byte; queries answer the same, and those that need all states in bytes raise InputError if these do not fit.
+        number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over 2
+        pi. For all rotations in space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every
+        position and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored once. A map
+        of more than 2^29 states in 8 slices or more, without overlap counts, takes two bits per state instead of a
+        byte; queries answer the same, and queries that need all states in bytes raise InputError if these do not fit.
     inner : bool
         Also prove cells BLOCKED. Otherwise every cell that is not FREE is MIXED, at half the work.
     counts : bool

@@ -73,10 +73,10 @@ def jit(function: F, **options: Any) -> F:
     """Compile a function with numba at its first call.
 
     The GIL is released while it runs. The code is cached beside the module, in the user's cache folder, or in
-    ``NUMBA_CACHE_DIR``: in the first of them that the user may write to and nobody else may, because cached code is
+    ``NUMBA_CACHE_DIR``: in the first folder that the user may write to and nobody else may, because cached code is
     executed. Without such a folder each run compiles anew. Division by zero gives infinity or NaN, and 0 for integers.
     The function must not call itself by way of another function, because numba's cache cannot restore that. Options are
-    those of ``numba.njit``.
+    passed to ``numba.njit``.
     """
     from numba import njit
 

@@ -57,7 +57,7 @@ class Components(Protocol):
     """Connected components of cells that share sides."""
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the component of each cell among FREE cells, or among FREE and MIXED cells; -1 outside of them."""
+        """Return the component of each cell among FREE cells, or among FREE and MIXED cells; -1 outside these cells."""
 
 
 class ConfigurationMap(ConfigurationSpace, MapPlot):

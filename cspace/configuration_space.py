@@ -128,8 +128,8 @@ class ConfigurationSpace(SpaceView, ABC):
         """Return True if straight motions are proven collision-free all along.
 
         On a map, a motion is proven if every closed cell that it touches, even in a corner, is FREE. A motion on the
-        boundary of two cells touches both, so one that starts on the boundary of a cell that is not FREE is not proven.
-        All joints of an arm move in proportion.
+        boundary of two cells touches both, so a motion that starts on the boundary of a cell that is not FREE is not
+        proven. All joints of an arm move in proportion.
 
         Parameters
         ----------
@@ -152,9 +152,9 @@ class ConfigurationSpace(SpaceView, ABC):
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Return True for each edge of a path, of paths or of a roadmap that is proven collision-free.
 
-        Edges are straight and rotate along the shorter arc, as OMPL interpolates, and answers are those of
-        :meth:`motion_is_free`; for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads,
-        and on a map in larger steps through blocks of FREE cells.
+        Edges are straight and rotate along the shorter arc, as OMPL interpolates, and answers are as for
+        :meth:`motion_is_free`; for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads, and
+        on a map in larger steps through blocks of FREE cells.
 
         Parameters
         ----------

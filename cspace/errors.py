@@ -1,7 +1,7 @@
 """Errors that this library raises on purpose, under one base class.
 
 Each carries its parts as fields: the argument, its problem, the rule that it breaks and a hint. Messages consist of
-them, also those of the command line, in its own words.
+them; the command line puts them in its own words.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ class Robot(NotebookPicture):
 
         Parameters
         ----------
-        shape : shapely Polygon or MultiPolygon, a sequence of them, or array-like of shape (n, 2)
+        shape : shapely Polygon or MultiPolygon, a sequence of these, or array-like of shape (n, 2)
             Metres; an array lists the vertices in order, closed or not. Parts may overlap.
 
         Raises
@@ -555,7 +555,9 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
 
 
 def _files() -> dict[str, tuple[Callable[..., Robot], tuple[str, ...]]]:
-    """Return, by the suffix of a file, what makes a robot of it, and the names of the options that it takes.
+    """Return the constructor for a robot file, and its options.
+
+    The suffix of the file selects it; the options are names.
 
     Its arguments are the path and, if the file holds several robots, the name of one.
     """

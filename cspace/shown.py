@@ -186,9 +186,9 @@ class MapExport(NotebookPicture):
     def to_costmap(self, msg=None, *, inflation_radius=0.55, cost_scaling_factor=10.0, rotation=None, frame_id="map"):
         """Return a plane map as a Nav2 costmap, inflated by the robot itself.
 
-        254 is an obstacle, 255 unknown, 253 not proven free for the robot. A FREE cell costs
-        ``252 * exp(-cost_scaling_factor * clearance)``, rounded down, and 0 if it is farther than ``inflation_radius``
-        from the obstacles. Its clearance, taken at its center, stands for Nav2's distance less the inscribed radius.
+        254 is an obstacle, 255 unknown, 253 not proven free for the robot. A FREE cell costs ``252 *
+        exp(-cost_scaling_factor * clearance)``, rounded down, and 0 if it is farther than ``inflation_radius`` from the
+        obstacles. Its clearance, taken at its center, stands for Nav2's distance less the inscribed radius.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class MapExport(NotebookPicture):
             :class:`cspace.files.ros.Costmap`.
         inflation_radius : float
             Metres from the obstacles, zero or above; compared with the clearance plus the radius of the robot's
-            inscribed circle, margin included. The default is Nav2's, as is that of ``cost_scaling_factor``.
+            inscribed circle, margin included. The defaults of this and of ``cost_scaling_factor`` are Nav2's.
         cost_scaling_factor : float
             Per metre, zero or above.
         rotation : array-like, shape (k,), optional

@@ -377,7 +377,7 @@ class Store:
     def slice_of(self) -> Ints:
         """Slice of each rotation cell.
 
-        Raises ValueError if the rotation cells, or those that share a slice, differ from the robot's.
+        Raises ValueError if the rotation cells, or the cells that share a slice, differ from the robot's.
         """
         slice_of = self.rotations._slices_for(self.robot.shape)
         for name, needed in ({"slice_of": slice_of} | self.rotations._coordinates).items():

@@ -238,16 +238,15 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         msg : object
-            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
-            :class:`cspace.files.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and ``origin``, and
-            ``data``, row by row in per cent, -1 for unknown. The yaw of the origin applies as in a ROS map. The
-            resolution is a float32 in messages; it is read as the shortest decimal number that rounds to it: 0.05, not
-            0.0500000007.
+            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or :class:`cspace.files.ros.OccupancyGrid`:
+            ``info.resolution``, ``width``, ``height`` and ``origin``, and ``data``, row by row in per cent, -1 for
+            unknown. The yaw of the origin applies as in a ROS map. The resolution is a float32 in messages; it is read
+            as the shortest decimal number that rounds to it: 0.05, not 0.0500000007.
         unknown : {"occupied", "free"}
             State of unknown cells: of value -1, or between the thresholds.
         free_thresh, occupied_thresh : float
-            From 0 to 1: a cell is free below the first and occupied from the second on. The defaults are those of
-            Nav2's map saver. Costmaps that Nav2 publishes are already inflated: use 0.995 and 1.0 to read only their
+            From 0 to 1: a cell is free below the first and occupied from the second on. The defaults are Nav2's, of its
+            map saver. Costmaps that Nav2 publishes are already inflated: use 0.995 and 1.0 to read only their
             obstacles.
 
         Raises
@@ -410,7 +409,7 @@ class Workspace(WorkspacePlot):
     def _of_shapes(
         cls, shapes: Sequence[Shape], spacing: float, box: Floats | None, source: str, kind: str
     ) -> Workspace:
-        """Rasterize several shapes of one dimension; arguments are those of :meth:`_of`."""
+        """Rasterize several shapes of one dimension; arguments are as for :meth:`_of`."""
         from cspace.obstacles import Obstacle
 
         bounds = np.array([shape.outer.bounds for shape in shapes])
@@ -634,16 +633,16 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Read a grid of values in the NRRD format, such as a label map of 3D Slicer.
 
-        The header is attached to the values, which are raw or compressed with gzip. Voxels must be cubes along the
-        axes of the file's space; axes that run downward or in another order are turned. Lengths are metres, unless the
-        file names another unit, such as mm.
+        The header is attached to the values, which are raw or compressed with gzip. Voxels must be cubes along the axes
+        of the file's space; axes that run downward or in another order are turned. Lengths are metres, unless the file
+        names another unit, such as mm.
 
         Parameters
         ----------
         path : path-like
             Of two or three axes.
         spacing : float, optional
-            Side of a cell, in metres; that of the file if left out.
+            Side of a cell, in metres; by default the file's.
         lower : array-like, shape (d,), optional
             Lower corner of the grid, in metres. If left out, half a cell before the file's ``space origin``, which is
             the center of its first voxel, or the origin if the file has none.

@@ -86,8 +86,8 @@ def prove_length(
 ) -> float:
     """Return the metres of the shortest curve if it lies in FREE cells of the grid, otherwise -1.
 
-    If the lengths of several curves differ by at most ``TIE_TOLERANCE``, all of them must lie in FREE cells, because
-    the robot may drive any of them.
+    If the lengths of several curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot
+    may drive any one.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
     if is_swapped(kind, q0, q1):
@@ -210,7 +210,7 @@ def find_shortest_words(
     """Write the shortest word between two configurations, then all others longer by at most ``tie``.
 
     Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end
-    to the start). Each word is driven and counts only if it reaches the goal, so that no form needs a proof of its own.
+    to the start). Each word is driven and counts only if it reaches the goal, so that no form needs a separate proof.
 
     Returns the number of words, without duplicates, and the gap of the shortest.
     """

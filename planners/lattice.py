@@ -281,7 +281,7 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> 
 def _list_headings(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
     """List the headings of a lattice.
 
-    They include those of start and goal.
+    They include the yaws of start and goal.
 
     Returns
     -------
@@ -388,7 +388,7 @@ def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Wo
 def _touched_cells(dx: int, dy: int) -> list[tuple[int, int]]:
     """List the cells that a drive touches between its ends.
 
-    The drive is the segment from the center of cell (0, 0) to that of cell (dx, dy). Cells are closed: a segment
+    The drive is the segment from the center of cell (0, 0) to the center of cell (dx, dy). Cells are closed: a segment
     through a corner touches all four cells.
     """
     xs, ys = range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)
@@ -409,7 +409,7 @@ def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw:
     """List the motions of robots that turn on the spot.
 
     They are turns to the next heading on both sides, and drives ahead and, if the drive allows it, in reverse. The
-    arguments are those that :func:`_list_headings` returns.
+    arguments are the results of :func:`_list_headings`.
     """
     spacing, moves = edges.space.grid.spacing, 3 + _reverses(edges)
     # At the yaw of start or goal, a step as long as a cell's diagonal leaves the cell.
@@ -427,7 +427,7 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
     """List the motions of a car for each heading.
 
     They are arcs to the next heading on both sides and drives straight on, each ahead and, if the drive allows it, in
-    reverse. ``level`` is an index into :data:`CAR_HEADINGS`; the first heading is that of the start.
+    reverse. ``level`` is an index into :data:`CAR_HEADINGS`; the first heading is the start's.
     """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
@@ -497,7 +497,7 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
     check, given = edges.edge_checker(), path
     for _ in range(SHORTENING_ROUNDS):
         path = _with_points_between(edges, path)
-        # Dynamic programming: each point is joined to the earlier one that gives the cheapest path to it.
+        # Dynamic programming: each point is joined to the earlier point that gives the cheapest path.
         previous, total = np.zeros(len(path), dtype=np.int64), np.zeros(len(path))
         apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
         for k in range(1, len(path)):
@@ -518,7 +518,7 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
 def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
     """Insert points along the straight drives of a path.
 
-    There are about :data:`POINTS_PER_PATH` of them, all on drives along which the yaw is constant. A car's path is
+    There are about :data:`POINTS_PER_PATH` such points, all on drives along which the yaw is constant. A car's path is
     returned as it is, because a part of its curve need not be a shortest curve.
     """
     steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
@@ -672,8 +672,8 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
     """Add a configuration, if its motion is proven free.
 
     Configuration `q` is left out if its cell and heading have a cheaper node, or if it cannot beat the best path.
-    ``cost`` is that of the path to `q`; ``parent`` is the node before, -1 for the start, and ``move`` the motion from
-    there.
+    ``cost`` is the cost of the path to `q`; ``parent`` is the node before, -1 for the start, and ``move`` the motion
+    from there.
     """
     i, j = math.floor((q[0] - map_.lower[0]) / lattice.side), math.floor((q[1] - map_.lower[1]) / lattice.side)
     key = ((i << KEY_BITS) + j) * len(lattice.headings) + heading
@@ -694,7 +694,7 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
             map_, lattice.radius, p, lattice.steering[move], lattice.lengths[move], spare
         ):
             return
-    # The node replaces the one of its cell and heading, and is put first into its bucket.
+    # The node replaces the known node of its cell and heading, and is put first into its bucket.
     if known >= 0:
         nodes.costs[known] = math.inf
     node, bucket = nodes.counts[NODE_COUNT], min(int(BUCKETS_PER_CELL * bound / map_.spacing), QUEUE_BUCKETS - 1)
@@ -722,7 +722,7 @@ def _slot(nodes: Nodes, key: int) -> int:
 def rehash(nodes: Nodes) -> None:
     """Enter all nodes into the empty hash table.
 
-    Nodes are in the order in which they were added, so the last one of each cell and heading is the cheapest.
+    Nodes are in the order in which they were added, so the last node of each cell and heading is the cheapest.
     """
     for node in range(nodes.counts[NODE_COUNT]):
         nodes.table[_slot(nodes, nodes.keys[node, 0])] = node

@@ -174,9 +174,9 @@ class Plan:
 
         Clearance is the distance, in metres, from a configuration on the path to the nearest configuration that is not
         FREE, in the map as it is now; :attr:`obstacle_distance` is the distance of the robot from the obstacles. For a
-        robot that turns, the distance is that of its position, at the same rotation. Zero along a path through MIXED
-        cells. NaN for an arm, which has :attr:`obstacle_distance`, and if not solved. Computed at each access; the
-        first one on a map takes longer.
+        robot that turns, the distance is between positions at the same rotation. Zero along a path through MIXED cells.
+        NaN for an arm, which has :attr:`obstacle_distance`, and if not solved. Computed at each access; the first one
+        on a map takes longer.
         """
         edges = self._edges
         return edges.clearance(self.waypoints) if edges else self._clearance

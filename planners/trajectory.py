@@ -188,7 +188,7 @@ class Trajectory:
     def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
 
-        The stamp of each pose is that of the message plus its time. Parameters, result and errors are those of
+        The stamp of each pose is the message's stamp plus the time of the row. Parameters, result and errors are as for
         :meth:`planners.Plan.to_path`.
         """
         from cspace.export.messages import fill_path
@@ -228,8 +228,8 @@ class Trajectory:
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the rows as CSV, in full precision.
 
-        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``. Parameters and errors are
-        those of :meth:`planners.Plan.to_csv`.
+        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``. Parameters and errors are as
+        for :meth:`planners.Plan.to_csv`.
         """
         names = ("time", *self.axes, *(f"{axis}_velocity" for axis in self.axes))
         write_csv(path, overwrite, names, np.column_stack([self.times, self.positions, self.velocities]).tolist())

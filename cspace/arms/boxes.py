@@ -223,8 +223,8 @@ def displacement_bounds(scene: Scene, a: int, b: int, box: JointBox, scratch: Sc
     """Bound the motion of body a, as seen from b, in a box.
 
     Returns the translation of its origin and its rotation. A joint translates the origin by at most its travel times
-    the distance from its axis. That distance is at most its value at the center plus what the other joints between can
-    add, and never more than the lengths between.
+    the distance from its axis. That distance is at most its value at the center plus the part that the other joints
+    between can add, and never more than the lengths between.
     """
     chain, poses, moving, lengths = scene.chain, scratch.poses, scene.chain.between[a, b], scene.chain.lengths[a]
     origin = column(poses[a], 3)

@@ -15,7 +15,7 @@ lengths between the two origins, plus the reach of the body. No point moves fart
 single and multiple articulated robots in complex environments", 2005).
 
 *Rounding.* The pose of a body is the product of at most :data:`MAX_BODIES` rotations and translations. Each adds less
-than 2^-48 of the arm's reach, so that a point is off by less than 2^-42 of it: less than a quarter of
+than 2^-48 of the arm's reach, so that a point is off by less than 2^-42 of that reach: less than a quarter of
 :data:`cspace.exact.DISTANCE_ROUNDING`. A pose as seen from another body is one more product.
 """
 
@@ -188,7 +188,8 @@ def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: F
     between, above, lengths = chain.between[a, b], chain.between[b, 0], chain.lengths[a]
     count = len(chain.parents)
     for k in range(2 * count):
-        # First the joints of b, up to the common ancestor, then those of a, because the order matters for curvature.
+        # First the joints of b, up to the common ancestor, then the joints of a, because the order matters for
+        # curvature.
         j = count - 1 - k if k < count else k - count
         if not between[j] or above[j] != (k < count):
             continue

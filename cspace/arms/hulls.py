@@ -1,13 +1,13 @@
 """Trees of convex hulls around the triangles of solids, and compiled proofs that two trees stay apart.
 
 Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a convex hull, grown by
-a radius: whole parts and large pieces of them, with enough corners to show their shape; a few neighbouring triangles;
-and single triangles. A convex part, such as a box or a cylinder, is one node.
+a radius: whole parts and their large pieces, with enough corners to show their shape; a few neighbouring triangles; and
+single triangles. A convex part, such as a box or a cylinder, is one node.
 
 *Bound.* For any vector n, the distance of two sets is at least the gap between their projections onto a line along n.
-The projection of a hull is that of its corners, grown by its radius. The bound holds for every n: the cached one, or
-the vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D. W.
-Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional
+The projection of a hull is the projection of its corners, grown by its radius. The bound holds for every n: the cached
+one, or the vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D.
+W. Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional
 space", 1988).
 
 *Motions.* As seen from the other body, a point p of a body moves at the velocity ``v + w x p``, whose component along n
@@ -315,11 +315,11 @@ def tree_slack(
 ) -> float:
     """Return a lower bound of (distance - required distance) between trees.
 
-    The bound is capped at ``enough``. The motion is that of the first tree as seen from the second. The result is
-    negative if a pair of nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That
-    pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2), and is tested first the next time. Row 1 then
-    starts with 1 if pieces of connected parts were proven apart separately. ``directions``, shape (CACHED_DIRECTIONS,
-    4), caches separating directions.
+    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. The result is negative
+    if a pair of nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That pair
+    becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2), and is tested first the next time. Row 1 then starts
+    with 1 if pieces of connected parts were proven apart separately. ``directions``, shape (CACHED_DIRECTIONS, 4),
+    caches separating directions.
     """
     best, top, last, known_a, known_b = enough, 1, -1, scratch[0, 0], scratch[0, 1]
     (wx, wy, wz), (vx, vy, vz) = motion.spin, motion.velocity

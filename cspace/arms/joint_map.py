@@ -107,7 +107,7 @@ def build_joint_map(
     ------
     InputError
         If a joint is unknown, there are not two or three joints, ``held_joints`` is missing, limits are missing or
-        exceed those of the joint, or the map does not fit into memory.
+        exceed the joint's, or the map does not fit into memory.
     ConfigurationError
         If links touch that the joints do not move against each other.
 

@@ -6,8 +6,8 @@ dynamic collision checking for single and multiple articulated robots in complex
 first, so that a collision is found early, and in each part the pair that last was not proven.
 
 Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms.hulls`). If no boundaries meet, a
-connected part lies entirely inside or outside a closed surface, so one of its points decides, once for a whole motion.
-If hulls of whole parts are apart, this test is not needed.
+connected part lies entirely inside or outside a closed surface, so a single point of it decides, once for a whole
+motion. If hulls of whole parts are apart, this test is not needed.
 """
 
 from __future__ import annotations
@@ -448,7 +448,7 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
 def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch) -> None:
     """Fill ``out`` with whether configurations are proven BLOCKED, beyond rounding.
 
-    The proof is a pair whose boundaries cross, or of which one encloses a point of the other.
+    The proof is a pair whose boundaries cross, or a pair in which one shape encloses a point of the other.
     """
     for k in range(len(points)):
         required = required_distance(scene, points[k], points[k])

@@ -50,7 +50,7 @@ class PosedShape:
     shape : Shape, trimesh.Trimesh, path-like, or anything else that ``cspace.shapes.as_shape`` takes
         In space, metres.
     pose : array-like, shape (4, 4)
-        From the frame of the shape to that of the body.
+        From the frame of the shape to the frame of the body.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def pack_solids(solids: Sequence[Solid], side: int, outer: Solids | None = None)
     """Return the solids as kernels take them.
 
     ``side`` 0 selects their outer shapes, 1 their inner shapes. Anchors of outer shapes are one point per connected
-    part; those of inner shapes are :attr:`PosedShape.probes`. If all shapes are exact, the trees of ``outer`` are
+    part; anchors of inner shapes are :attr:`PosedShape.probes`. If all shapes are exact, the trees of ``outer`` are
     reused.
     """
     parts = [[part.bounds_pair[side] for part in solid.parts] for solid in solids]

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
     """Check that output files, and images written beside them, can be written.
 
-    Raises InputError if a suffix, in lower case, is not one of ``suffixes``, or if two outputs are the same file;
-    FileError if a folder is missing or not writable, or if an output exists and ``overwrite`` is not set.
+    Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the same file; FileError
+    if a folder is missing or not writable, or if an output exists and ``overwrite`` is not set.
     """
     from cspace.files.access import check_output
 

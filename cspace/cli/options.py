@@ -232,8 +232,8 @@ def parse_configuration(
 ) -> tuple[float, ...]:
     """Parse the configuration in an argument such as ``start``.
 
-    ``units`` has "m", "rad" or "1" for each axis, by default those of a rigid robot. Angles may be in degrees:
-    ``90deg``. Raises InputError if the text does not have one number for each axis, separated by commas.
+    ``units`` has "m", "rad" or "1" for each axis, by default as for a rigid robot. Angles may be in degrees: ``90deg``.
+    Raises InputError if the text does not have one number for each axis, separated by commas.
     """
     units = _axis_units(axes) if units is None else units
     rule = f"the map's configurations are {','.join(axes)}, in {'metres' if 'm' in units else 'radians or degrees'}"
@@ -271,7 +271,7 @@ def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
 def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> Any:
     """Parse one or several rotations in an argument such as ``rotation``.
 
-    Raises InputError if the map has no rotations, or if the text is not one or several of them.
+    Raises InputError if the map has no rotations, or if the text is no selection of them.
     """
     names = [axis for axis in axes if axis not in ("x", "y", "z")]
     if not names:

@@ -2,8 +2,9 @@
 
 ``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W outside the map is all obstacle or
 all free. The map is read in tiles that fit a core's cache (overlap-save). Tiles without obstacles, or all obstacle,
-need no transform; the spectrum of any other tile is multiplied by that of every raster. If the rounding provably allows
-it, one transform yields the overlaps with several rasters, or in several tiles, as digits of one number.
+need no transform; the spectrum of any other tile is multiplied by the spectrum of every raster. If the rounding
+provably allows it, one transform yields the overlaps with several rasters, or in several tiles, as digits of one
+number.
 
 *Error of an FFT correlation.* A tile of ``W - 1/2`` (values of modulus 1/2, so 2-norm ``sqrt(T) / 2`` for T cells) is
 correlated with a robot bitmap ``A`` (2-norm ``sqrt(count)``). Let ``u`` be the unit roundoff. Each transform consists
@@ -31,7 +32,7 @@ with ``A_0 + B A_1 + B^2 A_2 + ...`` are the overlaps with ``A_0``, ``A_1``, ...
 2-norm is at most ``(1 + B + B^2 + ...) |A|``, is below 1/4, one transform yields them all. In the same way one
 transform can contain several tiles of the map, ``(W_0 - 1/2) + B (W_1 - 1/2) + ...``; with n rasters, and B^n for B,
 there is a digit for each tile and raster. Float64 costs half as much again as float32 and often carries three or four
-digits. Sums stay below 2^50, so adding in float64 what the transform left out costs at most another 1/8.
+digits. Sums stay below 2^50, so adding the omitted part in float64 costs at most another 1/8.
 """
 
 from __future__ import annotations
@@ -128,8 +129,8 @@ def choose_tiling(
 ) -> Tiling:
     """Return the cheapest tiling whose proven error stays below a quarter.
 
-    ``shape`` is that of the map, and ``extent`` that of the robots' common bounding box, in cells; ``count`` is the
-    largest number of offsets in one of the rasters. Each of the ``threads`` works on its own tile.
+    ``shape`` is the map's shape, and ``extent`` the size of the robots' common bounding box, in cells; ``count`` is the
+    largest number of offsets in a raster. Each of the ``threads`` works on its own tile.
     """
     candidates = [_lengths(n, r) for n, r in zip(shape, extent, strict=True)]
     bits = count.bit_length()
@@ -326,7 +327,7 @@ def _choose_window(
 
 
 def _split(items: Sequence[Item], part: int, parts: int) -> Sequence[Item]:
-    """Return one of several parts of a sequence, of about equal length."""
+    """Return a part of a sequence that is cut into parts of about equal length."""
     return items[len(items) * part // parts : len(items) * (part + 1) // parts]
 
 
@@ -573,7 +574,8 @@ def add_lines(
 ) -> None:
     """Add scaled W - 1/2 to the ``mixed`` lines of a tile.
 
-    Mixed lines are not constant; ``lines`` has an entry for each of them, in order. Cells as for :func:`count_lines`.
+    Mixed lines are not constant; ``lines`` has an entry for each of these lines, in order. Cells as for
+    :func:`count_lines`.
     """
     unit = lines.dtype.type(scale)
     half = lines.dtype.type(0.5 * scale)

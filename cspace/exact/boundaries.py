@@ -44,7 +44,7 @@ class Proofs(Protocol):
 
 
 class Problem(NamedTuple):
-    """A robot among obstacles, and the map of it.
+    """A robot among obstacles, and its map.
 
     Attributes
     ----------

@@ -135,7 +135,7 @@ class Containment(NamedTuple):
     """Robot and obstacles as solids, for containment tests.
 
     If a connected part does not meet the other boundary, it lies entirely inside or entirely outside the other solid,
-    so that one of its points decides. For a part of the robot, any of its corners decides.
+    so that a single point of it decides. For a part of the robot, any of its corners decides.
 
     Attributes
     ----------
@@ -477,9 +477,9 @@ def stays_within_walls(boundaries: BoundaryTrees, motion: Motion, fraction: floa
 def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints) -> float:
     """Return a lower bound of (distance - required distance) along a path.
 
-    The bound is at least zero. The robot is placed at the midpoint of each piece of the path. No point of it moves
-    farther than the span of the piece from there. All lengths are scaled like the trees. No part of robot or obstacles
-    may lie inside the other.
+    The bound is at least zero. The robot is placed at the midpoint of each piece of the path. No point of the robot
+    moves farther than the span of the piece from there. All lengths are scaled like the trees. No part of robot or
+    obstacles may lie inside the other.
     """
     best, fixed = math.inf, (0.0, 0.0, 0.0)
     for k in range(len(positions)):

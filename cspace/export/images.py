@@ -38,8 +38,8 @@ _SHORT, _DOUBLE = 3, 12
 def write_geotiff(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write the states of a plane map as a GeoTIFF.
 
-    They have shape (nx, ny). Each cell is a pixel: 0 FREE, 1 MIXED, 2 BLOCKED. The first row is the top, as in
-    every GeoTIFF. Coordinates are those of the map, in metres, without a coordinate reference system.
+    They have shape (nx, ny). Each cell is a pixel: 0 FREE, 1 MIXED, 2 BLOCKED. The first row is the top, as in every
+    GeoTIFF. Coordinates are as in the map, in metres, without a coordinate reference system.
 
     Raises FileError as :func:`cspace.files.access.replacing`.
     """
@@ -65,11 +65,11 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     """Write the states of a plane map as a ROS map.
 
     They have shape (nx, ny). FREE, MIXED and BLOCKED become free, unknown and occupied. `path` is the YAML file,
-    ``.yaml`` or ``.yml``; a ``.pgm`` image goes beside it. If either cannot be written, both stay as they were.
-    Reading the map with ``unknown="occupied"`` returns the cells that are not FREE, with ``unknown="free"`` the
-    BLOCKED cells, on exactly the same grid.
+    ``.yaml`` or ``.yml``; a ``.pgm`` image goes beside it. If either cannot be written, both stay as they were. Reading
+    the map with ``unknown="occupied"`` returns the cells that are not FREE, with ``unknown="free"`` the BLOCKED cells,
+    on exactly the same grid.
 
-    Raises InputError if the states are not those of a plane map or the suffix is another one, and FileError as
+    Raises InputError if the states do not belong to a map of the plane or the suffix is another one, and FileError as
     :func:`cspace.files.access.replacing`.
     """
     import yaml

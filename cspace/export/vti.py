@@ -36,9 +36,9 @@ def write_vti(
 ) -> None:
     """Write arrays over the cells of a grid as ``.vti``.
 
-    They become cell data, the first of which is shown; the origin is the lower corner of the grid. A plane grid becomes
-    an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or float64. The arrays of `about`, float64 with
-    shape (n,), become field data: numbers about the whole.
+    They become cell data; viewers show the first array; the origin is the lower corner of the grid. A plane grid
+    becomes an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or float64. The arrays of `about`,
+    float64 with shape (n,), become field data: numbers about the whole.
 
     Raises InputError if an array has another shape or type, and FileError as :func:`cspace.files.access.replacing`.
     """

@@ -318,8 +318,8 @@ def replacing(
 
     The temporary name has the folder and suffix of the target; a link is followed. Any exception in the block, Ctrl-C
     included, removes the temporary file and leaves the target unchanged. The target is checked before the block, so
-    that no long work is lost to an unusable name. Nest outputs that belong together; the one that refers to the
-    others goes outermost::
+    that no long work is lost to an unusable name. Nest outputs that belong together; the file that refers to the others
+    goes outermost::
 
         with replacing("map.yaml") as yaml, replacing("map.pgm") as pgm:
             ...
@@ -386,7 +386,7 @@ def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) 
 
     :func:`replacing` renames a folder twice. A reader can find it missing in between, or find files of both folders.
 
-    Raises what `read` raises if the output stays unchanged.
+    Errors of `read` are raised if the output stays unchanged.
     """
     for _ in range(_MAX_READS - 1):
         before = _fingerprint(path)

@@ -234,7 +234,7 @@ def _check_counts(numbers: Any) -> tuple[int, ...]:
 class ZarrArray:
     """An array in a Zarr folder that reads chunks when indexed.
 
-    Raises FileError if the folder holds no array, or one that cannot be read.
+    Raises FileError if the folder holds no array, or an array that cannot be read.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

@@ -1,14 +1,14 @@
 """Triangle meshes from files and from trimesh objects.
 
 A mesh is read with all of its triangles or refused. trimesh reads PLY, GLB and glTF, with ``process=False``, and a
-separate census of the file must agree with what it read. This package reads STL, OBJ, OFF and COLLADA itself. For STL
-the census is the reading. In OBJ files trimesh moves triangles whose corners count backwards or are written in mixed
-forms, loses those on lines with a leading blank, and cuts bent polygons into fans that stick out of them. pycollada
-drops unknown elements and warns on NumPy 2.5.
+separate count of the file's triangles must agree with its result. This package reads STL, OBJ, OFF and COLLADA itself.
+For STL the census is the reading. In OBJ files trimesh moves triangles whose corners count backwards or are written in
+mixed forms, loses those on lines with a leading blank, and cuts bent polygons into fans that leave the polygon.
+pycollada drops unknown elements and warns on NumPy 2.5.
 
 In glTF, trimesh skips triangle fans, fills sparse and compressed accessors with zeros, does not scale quantised
-numbers, and ignores instances, skins and morphs and everything below a camera node. This module refuses all of these
-by name. It counts the triangles of the rest and compares their bounds with the header's.
+numbers, and ignores instances, skins and morphs and everything below a camera node. This module refuses all of these by
+name. It counts the triangles of the rest and compares their bounds with the header's.
 """
 
 from __future__ import annotations
@@ -716,7 +716,7 @@ def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
 def _without_triangles(name: str, content: str) -> GeometryError:
     """Return the error for a mesh without triangles.
 
-    ``content`` says what it holds instead, or is empty.
+    ``content`` names the other content, or is empty.
     """
     if not content:
         return GeometryError(name, "is empty", "a mesh needs triangles", "check what was exported")

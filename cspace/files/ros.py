@@ -363,7 +363,7 @@ class GridMessage(Protocol):
 def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: float) -> tuple[MapInfo, Bools, Bools]:
     """Read the placement, and the free and occupied cells, of a message.
 
-    Parameters are those of :meth:`cspace.Workspace.from_occupancy_grid`.
+    Parameters are as for :meth:`cspace.Workspace.from_occupancy_grid`.
 
     Raises InputError if a field is missing or invalid, or another argument is invalid.
     """

@@ -62,7 +62,9 @@ _MAX_LISTED_MESHES: Final = 3
 
 
 def load_urdf(path: str | os.PathLike[str]) -> URDF:
-    """Load a file with yourdfpy, after checking what yourdfpy takes for granted.
+    """Load a URDF with yourdfpy, after checking its structure.
+
+    yourdfpy assumes that the structure is right.
 
     Raises MissingPackageError without yourdfpy, and FileError if the file is missing or malformed.
     """
@@ -83,8 +85,8 @@ def find_meshes(
 ) -> dict[str, Path]:
     """Find the mesh files of links, by name, without reading them.
 
-    The search order is that of :meth:`cspace.Robot.from_urdf`. One warning lists the files that were found only under
-    a part of their names.
+    The search order is documented at :meth:`cspace.Robot.from_urdf`. One warning lists the files that were found only
+    under a part of their names.
 
     Raises FileError if a mesh is missing or ambiguous.
     """
@@ -314,7 +316,7 @@ class EndEffector(NamedTuple):
     parent_link : str
         Link that carries it.
     group : str
-        Group of its own joints.
+        Group of the effector's joints.
     parent_group : str
         Group of the joints that move it; empty if undeclared.
     """
@@ -348,8 +350,8 @@ class Srdf(NamedTuple):
 def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     """Read the SRDF of a robot.
 
-    Elements that name unknown links or joints are skipped, and so are pairs with a link without collision geometry.
-    One warning lists all of them.
+    Elements that name unknown links or joints are skipped, and so are pairs with a link without collision geometry. One
+    warning lists all skipped names.
 
     Raises FileError if the file is missing or malformed.
     """

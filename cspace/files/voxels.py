@@ -104,7 +104,7 @@ def read_nrrd(
 
     Returns the lower corner and the voxel size, in metres, and the cells.
 
-    Parameters are those of ``Workspace.from_nrrd``.
+    Parameters are as for ``Workspace.from_nrrd``.
 
     Raises InputError and FileError as that method does.
     """

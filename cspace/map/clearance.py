@@ -445,7 +445,7 @@ def near_window(
     """Return a mask of the cells of a word, 8 x 8 along y and z, that may be near enough.
 
     They may be nearer to the position than the square root of ``best``. ``other_y`` and ``other_z`` are lower bounds of
-    what the other axes add to squared distances along y and along z.
+    the amount that the other axes add to squared distances along y and along z.
     """
     low_y, high_y = near_range(position[1], size, first_y, best, other_y)
     low_z, high_z = near_range(position[2], size, first_z, best, other_z)
@@ -638,7 +638,7 @@ def compute_reach(limit: float, shape: Sequence[int], exterior: Ints) -> int:
 def to_cells(squares: Squares, reach: int) -> Floats:
     """Convert squares to distances in cells, rounded down.
 
-    The rounding is that of :func:`cspace.map.clearance.clearance_at`.
+    Rounding is as in :func:`cspace.map.clearance.clearance_at`.
     """
     cells = np.maximum(0.5 * np.sqrt(squares) * (1.0 - 2.0**-48) - 4.0 * SLACK, 0.0)
     cells[squares == (2 * reach + 1) ** 2] = np.inf

@@ -23,8 +23,8 @@ class Refreshable(Protocol[P]):
 class Lock:
     """Reentrant lock for the parts of one map.
 
-    A copy gets a new lock. A process forks only while no other thread holds a lock. The child has none of those
-    threads, so it would wait forever, or find parts half made.
+    A copy gets a new lock. A process forks only while no other thread holds a lock. The child has no other threads, so
+    it would wait forever, or find parts half made.
     """
 
     _all: ClassVar[set[ReferenceType[Lock]]] = set()

@@ -221,7 +221,7 @@ def _moves_within(reach: Position) -> tuple[Ints, Ints]:
 def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
     """Return True if a move touches a cell.
 
-    The move is the segment from the center of cell (0, 0, 0) to that of cell ``move``; the cell is closed.
+    The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the cell is closed.
     """
     enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the cell
     for step, offset in zip(move, cell, strict=True):
@@ -474,8 +474,8 @@ def write_lowest(
 ) -> None:
     """Write the lowest state of blocks in a box.
 
-    Group g has ``slices[first[g]:first[g + 1]]``; ``shape`` is that of a slice. `box`, shape (6,), has the lowest and
-    the highest block. ``lowest`` has shape (groups, x, y, z).
+    Group g has ``slices[first[g]:first[g + 1]]``; ``shape`` is the shape of a slice. `box`, shape (6,), has the lowest
+    and the highest block. ``lowest`` has shape (groups, x, y, z).
     """
     nx, ny, nz = shape
     width = 64 // block * block
@@ -576,7 +576,7 @@ def _free_moves(graph: Graph, first: int, at: GridCell) -> int:
 def _empty_grid_distance(graph: Graph, a: Position, b: Position) -> float:
     """Return the chain length between two positions without obstacles.
 
-    The chain is the shortest one of moves; its length is in cells.
+    The chain is the shortest sequence of moves; its length is in cells.
     """
     i, j, k = abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2])
     i, j, k = min(i, graph.periods[0] - i), min(j, graph.periods[1] - j), min(k, graph.periods[2] - k)
@@ -706,7 +706,7 @@ def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
 def trace_back(graph: Graph, reached_by: Bytes, start: int, goal: int, cells: Ints) -> int:
     """Count and write the cells from start to goal.
 
-    ``reached_by`` is that of :class:`Trace`. Cells that do not fit into ``cells`` are not written.
+    ``reached_by`` is as in :class:`Trace`. Cells that do not fit into ``cells`` are not written.
     """
     cell, count, straight = goal, 0, len(graph.moves)
     while reached_by[cell]:

@@ -186,9 +186,10 @@ def prefetch_cell(cells: Cells, index: int) -> None:
 
 
 def row_in(cells: Cells, index: int, count: int) -> WordPair:
-    """Return two bit masks of ``count`` cells of a row: those that are not FREE, and those that are BLOCKED.
+    """Return bit masks of the cells of a row.
 
-    The row begins at cell ``index`` of the map. ``count`` is at most 64; bits from ``count`` on are set in both.
+    The first marks the cells that are not FREE, the second the BLOCKED cells. The ``count`` cells, at most 64, begin at
+    cell ``index`` of the map. Bits from ``count`` on are set in both masks.
     """
     raise NotImplementedError  # compiled code dispatches on the storage
 

@@ -302,7 +302,7 @@ def write_row_squares(states: Bytes, squares: Squares, exterior_blocked: bool, s
                 if states[row, k] != FREE:
                     nearest = step
                 distance = np.int64(step - nearest)
-                # From 2**14 on, squares would exceed the one that stands for infinity.
+                # From 2**14 on, squares would exceed the number that stands for infinity.
                 square = INFINITE_SQUARE if distance >= 2**14 else (2 * distance - 1) ** 2 if distance > 0 else 0
                 squares[row, k] = square if backwards == 0 else min(square, squares[row, k])
     return -1

@@ -80,7 +80,7 @@ def animate(
     overwrite : bool
         Replace an existing file.
     seconds : float, optional
-        Duration of the motion; by default that of a trajectory, and 6 without times.
+        Duration of the motion; by default as in the trajectory, and 6 without times.
     rate : float
         Frames per second, at most 50.
     title : str, optional

@@ -307,7 +307,7 @@ def frame(
 ) -> None:
     """Set limits, scale, labels and hatching of axes for two axes of a box.
 
-    Omit ``limits`` for axes that share those of other axes.
+    Omit ``limits`` for axes that share limits with other axes.
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -277,8 +277,8 @@ def save_plot(
 def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float) -> Path:
     """Save the figure that ``draw`` returns, after checking the other arguments.
 
-    Raises InputError if the suffix is not one of :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above zero or too
-    large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be written.
+    Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above zero or too large;
+    FileError if the file exists and ``overwrite`` is not set, or if it cannot be written.
     """
     target = Path(file)
     check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file")

@@ -305,7 +305,7 @@ def outline_rings(geometry: Any) -> list[Floats]:
 
 
 def check_path(space: HasAxes, path: Any) -> Floats:
-    """Return a path, or that of a plan, as an array.
+    """Return a path or a plan's path as an array.
 
     The result has shape (n, size). Raises InputError otherwise.
     """
@@ -352,7 +352,10 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
 
 
 def collect_marks(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
-    """Return start and goal by name, by default those of the path or plan."""
+    """Return start and goal by name.
+
+    By default, the path or plan gives them.
+    """
     marks = {}
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
         if given is None and not len(points):

@@ -222,7 +222,7 @@ def _robot_reach(route: Route) -> Floats:
 def _split_route(space: MapLike, route: Route, shown: Floats) -> list[Route]:
     """Split a route by the nearest rotation of the panels.
 
-    All rotations of a slice count as that of its panel. ``shown`` are the rotations of the panels, shape (n, k).
+    All rotations of a slice count as its panel's rotation. ``shown`` are the rotations of the panels, shape (n, k).
     """
     rotations, slices, dim = space.rotations, space.rotations._slices_for(space.robot.shape), space.grid.dim
     panel_rotations = [rotations.centers[slices == slices[rotations._cells_of(rotation)]] for rotation in shown]

@@ -116,9 +116,9 @@ class Painting:
             self._plot(with_gaps(curve, lost), artists.LOST_LABEL, linewidth=2.2, zorder=4.5, **artists.LOST_STYLE)
 
     def show(self, moving: Floats | None = None) -> None:
-        """Draw all polygons and those of a robot, if given.
+        """Draw all polygons.
 
-        Replace those of the last call.
+        Those of a robot are drawn too, if given. Polygons of the last call are replaced.
         """
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
@@ -250,7 +250,7 @@ def border_faces(
 ) -> tuple[Floats, Bools]:
     """Return the faces towards a camera and a mask of marked ones.
 
-    Cells are merged into blocks until there are at most :data:`MAX_FACES` faces. A block is solid if one of its cells
+    Cells are merged into blocks until there are at most :data:`MAX_FACES` faces. A block is solid if any of its cells
     is, and marked if all of its solid cells are. Walls (mostly solid layers at an end of the grid) in front of the map
     are omitted, and so are cells above ``top``, metres. ``towards``, shape (3,), is the direction to the camera.
 

@@ -234,7 +234,7 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
         if px > qx:
             px, qx = qx, px
             py, qy = qy, py
-        # An edge crosses the column x = i + c if px <= x < qx, so a vertex counts for one of its two edges.
+        # An edge crosses the column x = i + c if px <= x < qx, so a vertex counts for only one edge.
         first = max(0, math.ceil(px - c))
         last = min(nx - 1, math.ceil(qx - c) - 1)
         for i in range(first, last + 1):

@@ -339,7 +339,7 @@ def _fill_buckets(first: Ints, last: Ints, count: int, starts: Ints, entries: In
     for b in range(len(starts)):
         stop += starts[b]
         starts[b] = stop
-    # Going backwards leaves the triangles of each bucket in order, and ``starts`` at the first of them.
+    # Going backwards leaves the triangles of each bucket in order, and ``starts`` at the first triangle.
     for t in range(len(first) - 1, -1, -1):
         for row in range(first[t, 0], last[t, 0] + 1):
             for column in range(first[t, 1], last[t, 1] + 1):
@@ -381,7 +381,7 @@ def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
     """Set ``out[i]`` if closed surfaces enclose lattice point ``i``.
 
     A point is enclosed if the winding number is not zero. The triangles, shape (n, 3, 3), are in cells, in the index
-    frame of ``out``, and may reach out of it; ``windings`` as for :class:`WindingNumber`.
+    frame of ``out``, and may reach beyond it; ``windings`` as for :class:`WindingNumber`.
     """
 
     def work(start: int, stop: int) -> int:

@@ -25,7 +25,7 @@ The sum is less than 10. The slabs and the runs of boxes are widened on each sid
 16. So every box that meets a triangle is marked, and no box farther than 2 ``SLACK`` from it along an axis. The rest of
 ``SLACK`` covers the rounding of a look-up, 4.
 
-*Boxes within a distance.* The distance between a triangle and a disjoint cube is that of two of their features: a
+*Boxes within a distance.* The distance between a triangle and a disjoint cube is the distance between two features: a
 corner and the triangle, a corner of the triangle and the cube, or two edges. Alternating projections, tried first,
 bound it from both sides: from above by the distance of the two points, and from below by the gap between cube and
 triangle corners along their difference. The lower bound holds for any direction.
@@ -74,7 +74,7 @@ def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: flo
     """Set ``out[i]`` if box ``i`` meets a triangle.
 
     Box ``i`` is ``i + [b0, b1]^3``, where ``b0`` and ``b1`` are multiples of one half. Triangles, shape (n, 3, 3), are
-    in cells, in the index frame of ``out``, and may reach out of it. A gap below ``slack`` counts as touching.
+    in cells, in the index frame of ``out``, and may reach beyond it. A gap below ``slack`` counts as touching.
     """
     if len(triangles) < 2 * _MIN_TRIANGLES_PER_THREAD:
         _mark_touched(out, triangles, b0, b1, slack, 0, len(out))

@@ -51,8 +51,8 @@ def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[
 def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name: str) -> None:
     """Warn if an angle of one configuration is beyond a whole turn.
 
-    ``angles`` are those of :func:`angle_axes`. The text leaves out the value, so that Python prints it once for each
-    line of the user's program.
+    ``angles`` comes from :func:`angle_axes`. The text leaves out the value, so that Python prints it once for each line
+    of the user's program.
     """
     for k, axis in angles.items():
         if abs(q[k]) > MAX_EXPECTED_ANGLE:
@@ -175,7 +175,7 @@ class CompiledRotations(Protocol):
     """Interface of the records that compiled look-ups use.
 
     Each is a NamedTuple of arrays, whose methods numba compiles into their callers. Configurations are tuples of
-    floats; the last of them are the rotation.
+    floats; the last numbers are the rotation.
     """
 
     @property
@@ -261,12 +261,12 @@ class Rotations(ABC):
     """Rotation cells of a map; each has one slice, and cells may share theirs.
 
     There are three kinds: ``OneRotation`` of a robot that only translates, ``YawRotations`` in SE(2) and R^3 x SO(2),
-    and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. By default, methods are those of
-    a robot that only translates.
+    and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. By default, methods are for a
+    robot that only translates.
 
-    A configuration consists of the d coordinates of a position and then those of a rotation. A *step* between
-    configurations consists of d metres and a rotation vector, in radians, whose length is the angle. That vector has no
-    entries, one in the plane and about z, or three in space, about axes fixed to the robot.
+    A configuration consists of the d coordinates of a position, followed by the coordinates of a rotation. A *step*
+    between configurations consists of d metres and a rotation vector, in radians, whose length is the angle. That
+    vector has no entries, one in the plane and about z, or three in space, about axes fixed to the robot.
 
     Attributes
     ----------
@@ -358,7 +358,7 @@ class Rotations(ABC):
     def _all_names() -> list[str]:
         """Return the coordinate names of all kinds of rotations.
 
-        No other coordinate has one of these names.
+        No other coordinate has such a name.
         """
         return list(Rotations._all_units())
 
@@ -402,7 +402,7 @@ class Rotations(ABC):
         return np.concatenate([position1 - position0, self._rotation_between(rotation0, rotation1)], axis=-1)
 
     def _add_steps(self, q: Floats, steps: Floats) -> Floats:
-        """Return configurations after steps, or after fractions of them.
+        """Return configurations after steps or fractions of steps.
 
         The rotation is even along a step.
         """

@@ -613,7 +613,7 @@ def begin_arc(a: Numbers, b: Numbers, other: bool) -> ArcCursor:
 def arc_endpoints(q0: Numbers, q1: Numbers, arc: int) -> tuple[Numbers, Numbers, float]:
     """Return the end points of an arc, and the angle between them.
 
-    ``arc`` selects one of the shortest arcs. The end points are unit quaternions, between which SLERP is used.
+    ``arc`` selects an arc if several are shortest. The end points are unit quaternions, between which SLERP is used.
     """
     a, b = normalise(q0[-4:], 1.0), normalise(q1[-4:], 1.0)
     if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0) != (arc == 1):

@@ -174,7 +174,7 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
     cavity = np.zeros(len(bodies), dtype=np.bool_)
     for index in np.flatnonzero(inward).tolist():
         cavity[index] = ((outward_lows < lows[index]).all(axis=1) & (highs[index] < outward_highs).all(axis=1)).any()
-    # A body whose box lies in that of an outward body may be a cavity. The winding number of the outward bodies around
+    # A body whose box lies in an outward body's box may be a cavity. The winding number of the outward bodies around
     # its corners decides.
     if cavity.any():
         from cspace.raster.surfaces import WindingNumber

@@ -57,8 +57,8 @@ def read_urdf(
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, metres.
 
-    It is in the frame of the first link. Links are those of :meth:`cspace.Robot.from_urdf`. If a shape is curved,
-    return an outer and an inner surface. Without `primitives`, only meshes are accepted.
+    It is in the frame of the first link. Links are as for :meth:`cspace.Robot.from_urdf`. If a shape is curved, return
+    an outer and an inner surface. Without `primitives`, only meshes are accepted.
 
     Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is missing, the links
     have no collision geometry, or a size is not above zero. Raises MissingPackageError without yourdfpy.

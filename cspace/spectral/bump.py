@@ -180,7 +180,7 @@ class Bump:
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
         """Integrate the product of two bumps.
 
-        The integral is that of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space. The integral
+        The integrand is ``psi(x / first) psi((x - distance e) / second)``, over the plane or space. The integral
         decreases with the distance, because both functions are radially symmetric and decreasing. Radii and
         ``distance``, between the centers, are in metres. The result, metres to the power ``dim``, has a relative error
         of 1e-9 or an absolute error of 1e-60 of the smaller ball. It is 0 if the distance reaches the sum of the radii,

@@ -138,7 +138,7 @@ class BallDecomposition:
     def volume_bounds(self) -> Bounds:
         """Bounds of the volume relative to the shape.
 
-        They are those of the area or volume of the union of the balls. They are infinite if the shape has no area or
+        The volume, or area, is that of the union of the balls. The bounds are infinite if the shape has no area or
         volume.
         """
         low, high = self.shape_measure
@@ -281,8 +281,8 @@ def decompose(
     kind : {"inner", "outer"}
         Whether every ball lies in the shape, or the union of the balls covers it.
     number : int, optional
-        Largest number of balls. Their distance is the smallest that was found, and is at most that of a tolerance with
-        as many balls, or nearly so.
+        Largest number of balls. Their distance is the smallest that was found, and is at most, or nearly, the tolerance
+        that takes as many balls.
     tolerance : float, optional
         Metres. For "inner", the largest distance of a point of the shape from the balls; for "outer", the largest
         distance of a point of the balls from the shape. Pass either this or ``number``.

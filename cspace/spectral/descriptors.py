@@ -471,8 +471,8 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
 def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     """Multiply descriptors sampled on one grid.
 
-    A product of values other than zero that underflows becomes the smallest normal number, with its sign, so that the
-    cells above zero are exactly those of the intersection.
+    A product of values other than zero that underflows becomes the smallest normal number, with its sign, so that
+    exactly the cells of the intersection are above zero.
 
     Raises InputError if one is not sampled (the product of two bumps is no bump), or the grids differ.
     """

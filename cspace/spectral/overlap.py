@@ -211,7 +211,7 @@ class FourierOverlap:
             problem, rule = f"and a span only {lengths.max():g} m", "squares would underflow"
             raise InputError("b", problem, rule, "check the units", value=b)
         self._bands = _Bands(first, second, lengths, self._choose_halves(first, lengths, band, tolerance), within)
-        # Trees of the balls that prove misses, and of those that prove hits.
+        # Trees of the balls that prove misses, and trees of the balls that prove hits.
         self._trees = (self._make_trees(first, second),) * 2
 
     @classmethod
@@ -235,7 +235,7 @@ class FourierOverlap:
         *UNDECIDED*. Verdicts come from trees of the balls, without any frequency.
         ``docs/explanation/certificate_frequency.md`` has the proofs.
 
-        Values and gradients are those of the outer balls, grown by ``swell``.
+        Values and gradients belong to the outer balls, grown by ``swell``.
 
         Parameters
         ----------
@@ -251,7 +251,7 @@ class FourierOverlap:
         bump, tolerance, accuracy
             As for the class.
 
-        Raises as the class does. Also raises InputError if only one of the inner sets is given.
+        Raises as the class does. Also raises InputError if only one inner set is given.
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         for name, source in given.items():
@@ -501,7 +501,7 @@ class _Bands:
     def norms(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Integrals of the squared descriptors, with errors.
 
-        They are those of A and B.
+        The first pair is for A, the second for B.
         """
         return norm_square(self.a), norm_square(self.b)
 
@@ -543,7 +543,7 @@ class _Band:
 class _Level:
     """Terms of the overlap at one rotation of A.
 
-    They are those of one band. ``pivot``, shape (d,), is the center of A, and ``error`` the error of placements,
+    The terms are those in one band. ``pivot``, shape (d,), is the center of A, and ``error`` the error of placements,
     metres.
     """
 

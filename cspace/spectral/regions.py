@@ -421,7 +421,7 @@ def bound_distances(tree: PieceTree, points: Floats, near: Floats, far: Floats) 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
     """Return bounds of the area or volume of balls.
 
-    It is that of their union. ``centers`` has shape (n, d), ``radii`` (n,), metres.
+    Overlaps count once. ``centers`` has shape (n, d), ``radii`` (n,), metres.
     """
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))

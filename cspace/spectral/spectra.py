@@ -3,8 +3,7 @@
 A ball of radius r around p has the spectrum ``r^dim psi^(r |w|) exp(-2 pi i w.p)``. So the balls of one radius have
 that radial factor times the spectrum of their centers, which one non-uniform FFT of type 1 computes (Dutt and Rokhlin,
 1993; Barnett, Magland and af Klinteberg, 2019). If a radius has too few balls for a transform, their terms are summed
-as products of one factor per axis. If there are many radii, a few transforms replace those of all radii
-(:func:`radius_basis`).
+as products of one factor per axis. If there are many radii, a few transforms serve all radii (:func:`radius_basis`).
 
 *Error.* All bumps are non-negative, so the spectrum is largest at frequency 0, where it is the integral of the
 descriptor; tolerances are relative to that value. Half of a tolerance is for the table of ``psi^``, half for the
@@ -237,7 +236,7 @@ class Term(NamedTuple):
 def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float) -> Iterator[Term]:
     """Yield one term for each radius.
 
-    ``moduli``, ascending, are those of the frequencies, in cycles per metre.
+    ``moduli``, ascending, are the moduli of the frequencies, in cycles per metre.
     """
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     order = np.argsort(radii, kind="stable")
@@ -561,7 +560,7 @@ class Rings(NamedTuple):
     def to_box(self, half: Complexes) -> Complexes:
         """Convert a half spectrum to the order of numpy.fft.
 
-        The half spectrum, in ring order, is that of a real function.
+        The half spectrum, in ring order, belongs to a real function.
         """
         flat = np.empty(math.prod(self.counts), dtype=np.complex128)
         flat[self._flat_indices(-1)], flat[self._flat_indices(1)] = half.conj(), half
@@ -635,9 +634,9 @@ class Terms(NamedTuple):
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
         """Build the terms of an overlap.
 
-        ``first`` is the spectrum of A, which moves, ``second`` that of B. Within the band, the sum of the moduli bounds
-        the remaining terms. Outside, ``tail`` does, the product of the two tail norms (Cauchy and Schwarz). ``far``, in
-        metres, bounds the rounding of a placement.
+        ``first`` is the spectrum of A, which moves, ``second`` the spectrum of B. Within the band, the sum of the
+        moduli bounds the remaining terms. Outside, ``tail`` does, the product of the two tail norms (Cauchy and
+        Schwarz). ``far``, in metres, bounds the rounding of a placement.
         """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()

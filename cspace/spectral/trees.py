@@ -83,7 +83,7 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
             for axis in range(3):
                 nodes[node, axis] = balls[start, axis]
         else:
-            # The center is that of the bounding box; the radius reaches beyond the farthest ball.
+            # The center is the bounding box's; the radius reaches beyond the farthest ball.
             for axis in range(3):
                 low, high = math.inf, -math.inf
                 for n in range(start, start + size):

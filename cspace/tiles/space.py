@@ -86,7 +86,7 @@ class TiledCSpace(ConfigurationMap):
 
     @staticmethod
     def _holds(store: Store) -> bool:
-        """Return True unless the map is one that tiles exclude.
+        """Return True unless tiles exclude the map.
 
         These are maps with periodic axes, overlap counts or an overlap field.
         """
@@ -259,10 +259,10 @@ class TiledCSpace(ConfigurationMap):
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
         """Return the map of a box, in memory.
 
-        It holds the cells of the box and those that the robot reaches from it, also beyond the boundary of the map. All
-        other cells count as MIXED, and ``outside`` is "unknown". So the window proves two configurations disconnected
-        only if they are so in the whole map, and clearances end at the window's boundary. A window of the whole map is
-        the map, with its own ``outside``.
+        It holds the cells of the box and the cells that the robot reaches from it, also beyond the boundary of the map.
+        All other cells count as MIXED, and ``outside`` is "unknown". So the window proves two configurations
+        disconnected only if they are so in the whole map, and clearances end at the window's boundary. A window of the
+        whole map is the map, with its own ``outside``.
 
         With ``exact=True`` the window uses the shapes that the map was built on. It uses the outer cells instead if the
         map was built on cells, after an update, and if a shape extends beyond a map with a free exterior.

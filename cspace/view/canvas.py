@@ -144,7 +144,7 @@ class Canvas(ABC):
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
-        """Return as text what is proven about two configurations before a search."""
+        """Return the proofs about two configurations as text before a search."""
 
     # ---- robot, marks and path ---------------------------------------------------------------------------------------
 

@@ -61,7 +61,7 @@ class CellsInMemory:
     side : int
         Cells along an axis of a block of the whole map.
     sampling_map : CSpace
-        The map, or an overview of it, to sample configurations from.
+        The map, or its overview, to sample configurations from.
     is_quick : bool
         True if components are fast to compute. Those of a tiled map take long and are written to its store.
     """
@@ -160,9 +160,8 @@ def choose_part(grid: Grid, point: Floats, reach: float, coarsest: int) -> Part 
     """Return the part around a point to show in smaller blocks.
 
     The part extends ``reach`` metres to each side and has about as many blocks as the whole map. Its corners move in
-    steps, so that it stays the same while the
-    camera moves a little. Return None if its blocks would not be smaller than those of the whole map, whose side is
-    ``coarsest`` cells.
+    steps, so that it stays the same while the camera moves a little. Return None if its blocks would not be smaller
+    than the blocks of the whole map, whose side is ``coarsest`` cells.
     """
     reach = 2.0 ** (math.ceil(2.0 * math.log2(max(reach, grid.spacing))) / 2.0)
     blocks_per_axis = MAX_BLOCKS ** (1.0 / grid.dim)

@@ -309,7 +309,7 @@ class Page:
         self.panel.state.content = self._canvas.describe(self._canvas.robot)
 
     def _prove(self) -> None:
-        """Show what is proven about start and goal."""
+        """Show the proofs about start and goal."""
         if self._proves:
             self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
 
