@@ -1,4 +1,7 @@
-"""Sources of a workspace's cells, in memory or on disk, and named obstacles added to them."""
+"""Sources of the cells of a workspace, and named obstacles over them.
+
+Sources are in memory or on disk.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +31,16 @@ _LAZY_PACKAGES: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zar
 
 
 class Source(Protocol):
-    """Cells of a workspace, read a box at a time. Sources can be pickled and read by several threads."""
+    """Cells of a workspace, read a box at a time.
+
+    Sources can be pickled and read by several threads.
+    """
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the outer and inner cells of a box; one array for both if they are equal."""
+        """Return the outer and inner cells of a box.
+
+        They are one array if they are equal.
+        """
 
     @property
     def stamp(self) -> str:
@@ -39,11 +48,14 @@ class Source(Protocol):
 
     @property
     def same(self) -> bool:
-        """True if outer and inner cells are always one array."""
+        """Whether outer and inner cells are one array."""
 
 
 class CellsInMemory:
-    """Cells in memory; outer and inner cells are one array if they are equal."""
+    """Cells in memory.
+
+    Outer and inner cells are one array if they are equal.
+    """
 
     def __init__(self, outer: Bools, inner: Bools) -> None:
         self.outer, self.inner = outer, inner
@@ -64,9 +76,10 @@ class CellsInMemory:
 
 
 class LazyCells:
-    """Cells of an array of zarr, dask, h5py, xarray or ``numpy.memmap``, read a box at a time.
+    """Cells of a lazy array, read a box at a time.
 
-    The array is boolean, or has values 0 and 1, and is indexed [x, y] or [x, y, z].
+    The array is of zarr, dask, h5py, xarray or ``numpy.memmap``. It is boolean, or has values 0 and 1, and is indexed
+    [x, y] or [x, y, z].
     """
 
     same: Final = True
@@ -79,7 +92,10 @@ class LazyCells:
         check_dims(getattr(array, "variable", None), "occupied")  # of xarray
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the cells of a box, which are outer and inner cells."""
+        """Return the cells of a box, twice.
+
+        They are outer and inner cells.
+        """
         hint = "restore the array and build the map again"
         with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
             part = self.array[box]
@@ -98,7 +114,10 @@ class LazyCells:
 
     @property
     def stamp(self) -> str:
-        """Digest of the array's shape and of the sizes and times of its files."""
+        """Digest of the array's shape and files.
+
+        It contains the sizes and times of the files.
+        """
         parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
         for file in self._files():
             for path in _files_to_watch(file):
@@ -110,7 +129,7 @@ class LazyCells:
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _files(self) -> list[Path]:
-        """Return the known files or folders that contain the array."""
+        """List the files and folders that contain the array."""
         array = self.array
         encoding = getattr(array, "encoding", {})
         named = [
@@ -129,7 +148,7 @@ class LazyCells:
         return None if root is None else Path(root).absolute()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the name of the file instead of the values."""
+        """Pickle the name of the file, not the values."""
         array = self.array
         if isinstance(array, np.memmap):
             whole: Any = array
@@ -161,7 +180,10 @@ def _open_memmap(
     dtype: np.dtype[Any],
     strides: tuple[int, ...],
 ) -> LazyCells:
-    """Open the view of a file that a memmap, or a view of one, showed."""
+    """Open a view of a file as a memory map.
+
+    ``offset``, ``size`` and ``begin`` are in bytes: the mapped part of the file, and the start of the view in it.
+    """
     whole = np.memmap(file, dtype=np.uint8, mode="r", offset=offset, shape=(size,))
     view: Any = np.ndarray(shape, dtype, whole, begin, strides).view(np.memmap)
     view.filename = Path(file)
@@ -183,7 +205,10 @@ def _open_zarr(folder: str, path: str) -> LazyCells:
 
 
 def _files_to_watch(file: Path) -> Iterable[Path]:
-    """Yield a file; or a folder and its folders, whose times change when a file in them is replaced."""
+    """Yield files whose times change with an array.
+
+    They are the file itself, or a folder with all its folders, whose times change when a file in them is replaced.
+    """
     yield file
     if file.is_dir():
         for folder, _, names in sorted(os.walk(file)):
@@ -193,7 +218,10 @@ def _files_to_watch(file: Path) -> Iterable[Path]:
 
 
 class ShapeCells:
-    """Cells of a shape, rasterized a box at a time; a spatial index finds the parts near a box."""
+    """Cells of a shape, rasterized a box at a time.
+
+    A spatial index finds the parts near a box.
+    """
 
     same: Final = False
 
@@ -214,7 +242,10 @@ class ShapeCells:
 
 
 def check_no_chunk_missing(array: Any) -> None:
-    """Raise FileError if a zarr array lacks chunks, unless its attributes give these the fill value."""
+    """Raise FileError if a zarr array lacks chunks.
+
+    Its attributes may declare that missing chunks have the fill value.
+    """
     if type(array).__module__.partition(".")[0] == "zarr" and array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) != "fill_value":
         with decoding(LazyCells(array).name, "Zarr array"):
             if array.nchunks_initialized < array.nchunks:
@@ -222,7 +253,7 @@ def check_no_chunk_missing(array: Any) -> None:
 
 
 def is_lazy(array: Any) -> bool:
-    """Return True if an array reads its values only when it is indexed."""
+    """Return True if an array is read when indexed."""
     if isinstance(array, ZarrArray):
         return True
     if not (hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__")):
@@ -234,13 +265,13 @@ def is_lazy(array: Any) -> bool:
 
 
 def changed_source(name: str, problem: str) -> FileError:
-    """Return the error for a source of cells that changed during a build."""
+    """Return the error for cells that changed during a build."""
     rule = "the workspace must not change while a map is built"
     return FileError(name, f"has changed: {problem}", rule, "build the map again, into another store")
 
 
 CellBox = tuple[Ints, Ints]
-"""First cell, and the cell after the last one. The box is empty if an obstacle lies outside the grid."""
+"""First cell of a box, and the cell after the last one; the box of an obstacle outside the grid is empty."""
 
 
 class Obstacle(NamedTuple):
@@ -250,9 +281,9 @@ class Obstacle(NamedTuple):
     ----------
     shape : Shape
     box : CellBox
-        Contains all cells of the grid that the obstacle can meet.
+        Box of the grid that contains all cells that the obstacle can touch.
     outer, inner : ndarray of bool
-        Cells of the box that meet the obstacle, and cells that lie in it.
+        Cells of the box that touch the obstacle, and cells inside it.
     """
 
     shape: Shape
@@ -262,15 +293,17 @@ class Obstacle(NamedTuple):
 
     @classmethod
     def of(cls, shape: Shape, grid: Grid, periodic_axes: Sequence[bool] = ()) -> Obstacle:
-        """Rasterize a shape; its cells are clipped to the grid, its geometry is not.
+        """Rasterize a shape.
 
-        Along periodic axes the shape repeats with the period of the grid.
+        Its cells are clipped to the grid, but its geometry is not. Along periodic axes the shape repeats with the
+        period of the grid.
 
         Raises InputError if the shape is so far from the grid that rounding could exceed the certificate's slack, or if
         its interior depends on the spacing.
         """
-        shape.outer.boundary()  # raise now what exact queries would raise later
+        shape.outer.boundary()  # raises the errors of later exact queries now
         period = grid.spacing * np.array(grid.shape) * (periodic_axes or np.zeros(grid.dim))
+        # Numbers of the periods, along each axis, in which copies of the shape may touch the grid.
         low, high = (
             np.floor(np.divide(corner + more - grid.lower, period, out=np.zeros(grid.dim), where=period > 0.0))
             for corner, more in zip(shape.outer.bounds, (-grid.spacing, grid.spacing), strict=True)
@@ -279,6 +312,7 @@ class Obstacle(NamedTuple):
         parts = [cls._clip(shape, Grid(grid.lower + period * each, grid.spacing, grid.shape)) for each in shifts]
         if len(parts) == 1:
             return parts[0]
+        # Unite the cells of all copies in a common box.
         first = np.min([each.box[0] for each in parts], axis=0)
         stop = np.max([each.box[1] for each in parts], axis=0)
         outer, inner = np.zeros((2, *(stop - first)), dtype=np.bool_)
@@ -290,7 +324,7 @@ class Obstacle(NamedTuple):
 
     @classmethod
     def _clip(cls, shape: Shape, grid: Grid) -> Obstacle:
-        """Rasterize the part of a shape that lies on a grid."""
+        """Rasterize the part of a shape on a grid."""
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.outer.bounds)
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
         # This grid has the same lower corner as that of a build, so that its cells are equal to the bit.
@@ -301,7 +335,9 @@ class Obstacle(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class ObstacleLayers:
-    """Cells of a workspace in two layers: a base, and named obstacles over it.
+    """Cells of a workspace: a base, and obstacles over it.
+
+    The obstacles have names.
 
     Attributes
     ----------
@@ -324,14 +360,17 @@ class ObstacleLayers:
     _base_shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
 
     def copy(self) -> ObstacleLayers:
-        """Return a copy with arrays of its own."""
+        """Return a copy that shares no arrays."""
         outer, inner = self.outer.copy(), self.inner.copy()
         unknown = None if self.unknown is None else self.unknown.copy()
         return replace(self, outer=outer, inner=inner, unknown=unknown, named=dict(self.named))
 
     @property
     def obstacles(self) -> tuple[Shape, ...] | None:
-        """All obstacles as shapes; None if only their cells are known."""
+        """All obstacles as shapes.
+
+        None if only their cells are known.
+        """
         if not self.named:
             return self.shapes
         if self._base_shapes is None and self.shapes is None:
@@ -340,14 +379,20 @@ class ObstacleLayers:
         return (*(self._base_shapes or self.shapes or ()), *(each.shape for each in self.named.values()))
 
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
-        """Write a box of the base's cells; from then on its obstacles are known by their cells alone."""
+        """Write a box of the base's cells.
+
+        From then on, only the cells of its obstacles are known, not their shapes.
+        """
         self.outer[window], self.inner[window] = outer, inner
         if self.unknown is not None:
             self.unknown[window] = False
         self.shapes = self._base_shapes = None
 
     def set_obstacle(self, name: str, obstacle: Obstacle | None) -> list[CellBox]:
-        """Add, replace or remove a named obstacle; return the boxes of cells that may differ now."""
+        """Add, replace or remove a named obstacle.
+
+        Returns the boxes of cells that may have changed.
+        """
         boxes = [each.box for each in (obstacle, self.named.get(name)) if each is not None and each.outer.size]
         if obstacle is None:
             del self.named[name]
@@ -356,7 +401,10 @@ class ObstacleLayers:
         return boxes
 
     def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools, Bools]:
-        """Return the outer, inner and unknown cells of a box."""
+        """Return the outer, inner and unknown cells of a box.
+
+        `first` is its first cell, and `stop` the cell after the last one.
+        """
         window = tuple(map(slice, first, stop))
         outer, inner = self.outer[window].copy(), self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()

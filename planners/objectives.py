@@ -1,4 +1,4 @@
-"""Objectives of OMPL that weigh length by clearance or overlap."""
+"""Objectives of OMPL that weight length by clearance or overlap."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner
 from planners.states import check_information, kind_of
 
 DEFAULT_CLEARANCE_SHARE: Final = 0.1
-"""Default clearance threshold, as a share of the map's longest side."""
+"""Default clearance threshold, as a fraction of the map's longest side."""
 
 
 class WeightedLength(ob.OptimizationObjective):
-    """Length whose metres cost ``1 + weight * max(0, penalty)**2``, integrated along each edge.
+    """Length with a cost of each metre.
 
-    The penalty of a configuration is ``offset + slope * value``, where value is that of a field. The integral uses the
-    midpoint rule in steps of at most one cell and 5 degrees. The cost is never below the length, which OMPL may use as
-    a bound. A radian of rotation counts as half a metre, as in OMPL's SE(2) and SE(3); along curves it counts nothing.
+    A metre costs ``1 + weight * max(0, penalty)**2``, integrated along each edge. The penalty of a configuration is
+    ``offset + slope * value``, for the value of a field. The integral uses the midpoint rule in steps of at most one
+    cell and 5 degrees. The cost is never below the length, which OMPL may use as a bound. A radian of rotation counts
+    as half a metre, as in OMPL's SE(2) and SE(3); along curves it counts nothing.
 
     OMPL calls this objective through Python at every step. PRM and PRMstar call it from a second thread and would
     deadlock, so :func:`planners.plan` refuses them.
@@ -37,11 +38,11 @@ class WeightedLength(ob.OptimizationObjective):
     Parameters
     ----------
     si : ompl.base.SpaceInformation
-        Of a :func:`planners.state_space`.
+        From a :func:`planners.state_space`.
     space : CSpace
     field : OccupancyBits or ndarray of float64, optional
-        Source of the value: the clearance, by the occupancy bits of the map, or an array of the shape of the map's
-        states. By default the objective is the plain length.
+        Source of the value: occupancy bits of the map, for the clearance, or an array of the shape of the map's states.
+        By default the objective is the plain length.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
     weight : float
@@ -49,7 +50,7 @@ class WeightedLength(ob.OptimizationObjective):
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         As for :func:`planners.plan`.
     turning_radius : float, optional
-        Metres; for curves, which need it.
+        Turning radius of curves, metres; only curves need it.
 
     Raises
     ------
@@ -89,7 +90,7 @@ class WeightedLength(ob.OptimizationObjective):
         return self._field is None or self._density.weight == 0.0
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
-        """Return the cost of a metre of path at a state."""
+        """Return the cost per metre at a state."""
         q = self._kind.read(state)
         return ob.Cost(self._by_metre(*q, *q))
 
@@ -98,23 +99,28 @@ class WeightedLength(ob.OptimizationObjective):
         return ob.Cost(self._cost(first, second))
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
-        """Return the length of the straight line, a lower bound of the cost."""
+        """Return the straight length, a lower bound of the cost."""
         return ob.Cost(self._line(first, second))
 
     @cached_property
     def _by_metre(self) -> Callable[..., float]:
+        """Function that returns the cost per metre at a configuration."""
         return make_edge_cost(self._space, self._field, self._density._replace(by_metre=True))
 
     def _override(self, replacement: Callable[[ob.State, ob.State], float] | None) -> None:
-        """Replace the cost of edges by a function; None restores it. A plan that is out of time does so."""
+        """Replace the cost of edges by a function.
+
+        None restores the cost. A plan that has run out of time replaces it.
+        """
         self._cost = replacement or self._integrate
 
 
 class ClearanceObjective(WeightedLength):
-    """Length whose metres cost more near configurations that are not FREE.
+    """Length whose metres cost more near obstacles.
 
     A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``; see
-    :class:`WeightedLength`. The clearance is the distance in the translation alone.
+    :class:`WeightedLength`. The clearance is the distance, in the translation alone, to the nearest configuration that
+    is not FREE.
 
     Parameters
     ----------
@@ -162,28 +168,28 @@ class ClearanceObjective(WeightedLength):
 
 
 class OverlapObjective(WeightedLength):
-    """Length whose metres cost more where robot and obstacles overlap: a smooth push away from obstacles.
+    """Length whose metres cost more at larger overlap.
 
-    A metre of path at overlap c costs ``1 + weight * (c / saturation)**2``; see :class:`WeightedLength`. The overlap is
-    that of the balls of the field. If these are grown, it begins before the shapes touch, by the growth of both.
+    The cost pushes paths smoothly away from obstacles. A metre of path at overlap c costs ``1 + weight * (c /
+    saturation)**2``; see :class:`WeightedLength`. The overlap is the field's, between balls of robot and obstacles.
+    Grown balls overlap before the shapes touch.
 
     Parameters
     ----------
     si, space, drive, turning_radius
         As for :class:`WeightedLength`.
     field : cspace.spectral.OverlapField, optional
-        Field of the same map. By default the one that the map carries; see
-        :meth:`cspace.CSpace.with_overlap_field`.
+        Field of the same map. By default the field of the map; see :meth:`cspace.CSpace.with_overlap_field`.
     weight : float
         Extra metres that a metre of path costs at overlap ``saturation``.
     saturation : float, optional
-        Overlap, in square or cubic metres. By default the largest in a FREE cell.
+        Overlap, in square or cubic metres. By default the largest overlap in a FREE cell.
 
     Raises
     ------
     InputError
-        If the field belongs to another map, no field is given and the map carries none, ``weight`` is negative or not
-        finite, or ``saturation`` is not above zero; and as :func:`planners.state_space`.
+        If the field belongs to another map, there is no field, ``weight`` is negative or not finite, or ``saturation``
+        is not above zero; and as :func:`planners.state_space`.
     """
 
     def __init__(
@@ -215,9 +221,9 @@ class OverlapObjective(WeightedLength):
 
 
 def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:
-    """Return the local planner of a map, whose cells have costs.
+    """Return the local planner of a map.
 
-    Raises InputError if ``space`` is an arm's; and as :func:`planners.state_space`.
+    Raises InputError if ``space`` is the space of an arm; and as :func:`planners.state_space`.
     """
     edges = local_planner(space, False, drive, turning_radius)
     if not isinstance(edges, EdgesOnMap):
@@ -227,7 +233,9 @@ def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | 
 
 
 def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapField:
-    """Return the given overlap field, or else the one that the map carries.
+    """Return an overlap field of the map.
+
+    It is ``field`` or, by default, the field that the map carries.
 
     Raises InputError if there is neither, or the field belongs to another map.
     """
@@ -242,7 +250,10 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
 
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
-    """Return the largest overlap in a FREE cell, or 1 if none is above zero."""
+    """Return the largest overlap in a FREE cell.
+
+    It is 1 if no overlap is above zero.
+    """
     parts = zip(field.cells, space.slice_rotations, strict=True)
     largest = max(float(values[space.states_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
     return largest if largest > 0.0 else 1.0

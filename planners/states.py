@@ -16,6 +16,8 @@ from cspace.errors import InputError
 from cspace.rotations.base import METRES_PER_RADIAN, shorter
 
 Configuration = tuple[float, ...]
+"""Numbers of a configuration."""
+
 Value = TypeVar("Value")
 
 WRAP_TOLERANCE: Final = 1e-12
@@ -24,23 +26,25 @@ WRAP_TOLERANCE: Final = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class StateKind:
-    """Functions that convert between configurations of a space and OMPL's states.
+    """Functions that convert configurations to OMPL's states.
+
+    They convert back, too.
 
     Attributes
     ----------
     make : callable
-        Makes OMPL's state space for straight edges, without bounds.
+        Creates OMPL's state space for straight edges, without bounds.
     set_bounds : callable
-        Bounds the positions of such a state space by the lower and upper corner of a box.
+        Sets the bounds of the positions of such a state space: lower and upper corner of a box.
     read : callable
         Reads a configuration from a state.
     write : callable
         Writes the numbers of a configuration to a state.
     of_state, of_states : callable
-        Turn a function of the numbers of one configuration, or of two, into one of OMPL's states. OMPL calls the
-        result a million times, so the commonest are written out.
+        Convert a function of the numbers of one configuration, or of two, to a function of OMPL's states. OMPL calls
+        the result millions of times, so the most common ones are written out.
     periodic_axes : tuple of bool
-        Which numbers are angles of continuous joints; empty if none is.
+        True for angles of continuous joints; empty if there are none.
     """
 
     make: Callable[[], ob.StateSpace]
@@ -52,7 +56,10 @@ class StateKind:
     periodic_axes: tuple[bool, ...] = ()
 
     def unwind(self, path: Floats) -> Floats:
-        """Return a path, shape (n, size), whose continuous joints move the shorter way from row to row."""
+        """Unwrap the continuous joints of a path.
+
+        ``path`` has shape (n, size). In the result, each joint moves the shorter way from row to row.
+        """
         if not self.periodic_axes:
             return path
         unwound, steps = path.copy(), np.diff(path, axis=0)
@@ -60,7 +67,10 @@ class StateKind:
         return unwound
 
     def are_equal(self, first: Floats, second: Floats) -> bool:
-        """Return True if all configurations, shape (..., size), are equal, angles of continuous joints modulo 2 pi."""
+        """Return True if all configurations are equal.
+
+        Both arrays have shape (..., size). Angles of continuous joints are compared modulo 2 pi.
+        """
         if not self.periodic_axes:
             return np.array_equal(first, second)
         return bool(
@@ -76,7 +86,9 @@ class StateKind:
 
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
-    """Return the conversions between a space's configurations and OMPL's states.
+    """Return the conversions for OMPL's states.
+
+    They convert between configurations of ``space`` and states.
 
     Raises InputError for a map with rotations of a kind that OMPL has no states for.
     """
@@ -89,7 +101,10 @@ def kind_of(space: ConfigurationSpace) -> StateKind:
 
 
 def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a map or the space of an arm, e.g. if arguments are swapped."""
+    """Raise InputError unless ``space`` is a map.
+
+    The space of an arm is accepted too. The error hints at swapped arguments.
+    """
     if not isinstance(space, ConfigurationSpace):
         hint = "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the order of arguments"
         rule = "it must be a CSpace or an ArmSpace"
@@ -97,7 +112,10 @@ def check_space(space: object) -> None:
 
 
 def check_information(si: object, space: object) -> None:
-    """Raise InputError unless ``si`` is OMPL's space information and ``space`` a map or the space of an arm."""
+    """Check OMPL's space information and a map.
+
+    Raises InputError unless ``si`` is space information, and ``space`` a map or the space of an arm.
+    """
     if not isinstance(si, ob.SpaceInformation):
         rule, hint = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
         raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
@@ -105,6 +123,7 @@ def check_information(si: object, space: object) -> None:
 
 
 def _bound(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
+    """Set the bounds of a vector state space."""
     bounds = ob.RealVectorBounds(len(lower))
     for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):
         bounds.setLow(axis, float(low))
@@ -113,26 +132,31 @@ def _bound(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]
 
 
 def _write_vector(state: ob.State, *q: float) -> None:
+    """Write numbers to a state that is a vector."""
     for axis, value in enumerate(q):
         state[axis] = value
 
 
 def _write_se2(state: ob.State, x: float, y: float, yaw: float) -> None:
+    """Write a pose to a state of SE(2)."""
     state.setXY(x, y)
     state.setYaw(yaw)
 
 
 def _write_r3_so2(state: ob.State, x: float, y: float, z: float, yaw: float) -> None:
+    """Write a pose to a state of R^3 and SO(2)."""
     _write_vector(state[0], x, y, z)
     state[1].value = yaw
 
 
 def _read_r3_so2(state: ob.State) -> Configuration:
+    """Read a pose from a state of R^3 and SO(2)."""
     position = state[0]
     return position[0], position[1], position[2], state[1].value
 
 
 def _make_r3_so2() -> ob.StateSpace:
+    """Create the state space of R^3 and SO(2)."""
     states = ob.CompoundStateSpace()
     states.addSubspace(ob.RealVectorStateSpace(3), 1.0)
     states.addSubspace(ob.SO2StateSpace(), METRES_PER_RADIAN)
@@ -142,12 +166,14 @@ def _make_r3_so2() -> ob.StateSpace:
 
 
 def _write_se3(state: ob.State, x: float, y: float, z: float, *quaternion: float) -> None:
+    """Write a pose to a state of SE(3)."""
     state.setXYZ(x, y, z)
     rotation = state.rotation()
     rotation.x, rotation.y, rotation.z, rotation.w = quaternion
 
 
 def _read_se3(state: ob.State) -> Configuration:
+    """Read a pose from a state of SE(3)."""
     rotation = state.rotation()
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
 
@@ -159,7 +185,10 @@ def _make_reading_kind(
     write: Callable[..., None],
     periodic_axes: tuple[bool, ...] = (),
 ) -> StateKind:
-    """Make the conversions of a space whose queries take longer than reading a state."""
+    """Create conversions that read whole states.
+
+    They suit spaces whose queries take longer than reading a state.
+    """
     return StateKind(
         make=make,
         set_bounds=set_bounds,
@@ -210,9 +239,10 @@ _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
 
 
 def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
-    """Make the conversions for joints: a vector, with a circle for each continuous joint.
+    """Create the conversions for joints.
 
-    All joints have the same weight: a radian counts as much as a metre.
+    A state is a vector, with a circle for each continuous joint. All joints have the same weight: a radian counts as
+    much as a metre.
     """
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:

@@ -1,4 +1,7 @@
-"""Slices of a map: the robot's rasters for each rotation, correlated with the workspace's cells."""
+"""Slices of a map: robot rasters correlated with the cells of the workspace.
+
+A raster has the cells that the robot covers at one rotation; a slice of the map belongs to it.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +23,23 @@ from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
 
 SAMPLED_ROTATIONS = 32
-"""Approximate number of rotations at which the size of a robot's rasters is estimated."""
+"""Approximate number of rotations at which the size of the robot's rasters is estimated."""
 
 MIN_CELLS_FOR_THREADS = 50_000
-"""Cells of the robot's box, over all slices, below which a second thread costs more than it saves."""
+"""Cells of the robot's bounding box, summed over all slices, below which threads cost more time than they save."""
 
 RasterPair = tuple[Raster, Raster]
+"""Outer and inner raster of a robot at one rotation."""
+
 RasterTask = Callable[[], list[tuple[int, RasterPair]]]
-"""Rasterises the outer and inner raster of some slices; returns them with the slice indices."""
+"""Function that rasterizes the robot for some slices; it returns their indices and rasters."""
 
 
 def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterPair]:
-    """Return the outer and inner raster of the robot for each slice."""
+    """Rasterize the robot for each slice.
+
+    Returns outer and inner raster; ``spacing`` and ``margin`` are in metres.
+    """
     tasks = raster_tasks(robot, spacing, margin, rotations)
     cells = float(np.prod(np.ptp(robot.shape.outer.bounds, axis=0) / spacing + 1.0))
     threads = cores() if len(tasks) * cells > MIN_CELLS_FOR_THREADS else 1
@@ -40,9 +48,9 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
 
 
 def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotations, slices: int) -> float:
-    """Estimate the memory for the rasters of ``slices`` slices.
+    """Estimate the memory for the rasters of all slices.
 
-    It uses the robot's bounds at some rotations.
+    The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
     """
     if slices == 1:
         return 0.0
@@ -55,10 +63,10 @@ def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotatio
 
 
 def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterTask]:
-    """Return tasks that together make the rasters of all slices.
+    """Return tasks that together rasterize the robot for all slices.
 
-    Rasters are made from the rotated geometry, except for slices that are the image of another slice by quarter turns
-    or mirrors; those are made in the same task as that slice.
+    Rasters are made from the rotated geometry, unless a slice is the image of another slice by quarter turns or
+    mirrors. Then the raster is an image too, made in the same task as that slice.
     """
     if rotations._preserve(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
@@ -84,17 +92,19 @@ def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotatio
 
 
 Progress = Callable[[int, int], None]
+"""Function that is called with the finished steps and all steps."""
+
 RasterGroups = Sequence[Sequence[Raster]]
 """Outer rasters of all slices and, if BLOCKED is to be proven, inner rasters of all slices."""
 
 STEPS_PER_CORRELATION: Final = 1000
-"""Progress steps of one correlation."""
+"""Number of progress steps of one correlation."""
 
 
 def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
-    """Split pairs of rasters into all outer and all inner rasters.
+    """Split pairs of rasters into outer and inner rasters.
 
-    Inner rasters are left out unless ``inner``.
+    Inner rasters are left out unless ``inner`` is True.
     """
     return [list(group) for group in zip(*pairs, strict=True)][: 2 if inner else 1]
 
@@ -107,7 +117,7 @@ class Correlation:
     ----------
     engine : Engine
     outside : str
-        State outside the cells that :meth:`fill` is given: "blocked" or "free".
+        State outside the cells passed to :meth:`fill`: "blocked" or "free".
     workers : int or None
         Threads.
     progress : callable or None
@@ -128,7 +138,10 @@ class Correlation:
         progress: Progress | None = None,
         counts: bool = False,
     ) -> Correlation:
-        """Select the engine by name, or the faster one for "auto"."""
+        """Create the settings of a build.
+
+        ``method`` is the name of an engine, or "auto" for the faster engine.
+        """
         engine = ENGINES[choose_engine(groups[0], counts=counts) if method == "auto" else method]
         return cls(engine, outside, workers, progress)
 
@@ -140,10 +153,11 @@ class Correlation:
         state: NDArray[np.uint8],
         overlaps: NDArray[np.int32] | None,
     ) -> str:
-        """Fill all slices from their rasters; return the arithmetic that was used.
+        """Fill all slices; return the arithmetic used.
 
-        ``outer`` and ``inner`` are the cells that meet an obstacle and the cells that lie in one; the same array if
-        both are equal. Slices smaller than the cells get the first cells.
+        ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one; they are the same array if
+        equal. ``state``, shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts. Slices
+        smaller than the workspace get its first cells.
         """
         outers, inners = groups[0], [raster for group in groups[1:] for raster in group]
         collides = state.view(np.bool_)
@@ -170,7 +184,10 @@ class Correlation:
         part: tuple[int, int],
         add: bool = False,
     ) -> str:
-        """Run one correlation as one of several equal parts of the progress."""
+        """Run one correlation, reporting its progress.
+
+        ``part``, (index, count), is its share of the progress. Returns the arithmetic used.
+        """
         (index, count), progress = part, self.progress
 
         def advance(done: int, total: int) -> None:

@@ -1,4 +1,4 @@
-"""Robots from URDF files, with additions from SRDF files.
+"""Robots from URDF files, and additions from SRDF files.
 
 SRDF files add allowed contacts, groups, named states and end effectors.
 """
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from yourdfpy import URDF
 
 _URDF_KIND: Final = "URDF"
+"""Kind of file, for messages."""
 
 GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {
     "box": ("size",),
@@ -35,7 +36,7 @@ GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {
     "sphere": ("radius",),
     "mesh": ("filename",),
 }
-"""Required attributes of each shape of collision geometry."""
+"""Required attributes of each type of collision geometry."""
 
 
 _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
@@ -48,45 +49,46 @@ _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
     "sphere": {"radius": 1},
     "mesh": {"scale": 3},
 }
-"""Number of values of each numeric attribute, by element."""
+"""Number of values of each numeric attribute, by element and attribute."""
 
 
 PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
+"""One folder, or several, that hold the folders of packages."""
 
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """Schemes of mesh names that start with the name of a package."""
 
 _MAX_LISTED_MESHES: Final = 3
-"""Maximum number of meshes that a warning names."""
+"""Largest number of meshes that a warning names."""
 
 
 def load_urdf(path: str | os.PathLike[str]) -> URDF:
-    """Load a URDF with yourdfpy, after checking its structure.
+    """Load a URDF with yourdfpy.
 
-    yourdfpy assumes that the structure is right.
+    Its structure is checked first, because yourdfpy assumes that it is right.
 
     Raises MissingPackageError without yourdfpy, and FileError if the file is missing or malformed.
     """
     yourdfpy = import_optional("yourdfpy", "URDF files are read with it", "urdf")
-    # Silence its log, because the errors here say the same.
+    # Silence its log, because the errors here give the same reasons.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
     data = read_bytes(path, _URDF_KIND, memory=20.0)
     with decoding(path, _URDF_KIND):
         root = parse_xml(data)
         _check_robot(root)
         plain = io.BytesIO(ElementTree.tostring(root))
-        # Without its scene graphs, because they take cubic time for the links of a long chain.
+        # Omit its scene graphs, because they take cubic time for a long chain of links.
         return yourdfpy.URDF.load(plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False)
 
 
 def find_meshes(
     urdf: URDF, links: Iterable[str], path: str | os.PathLike[str], package_dirs: Sequence[Path]
 ) -> dict[str, Path]:
-    """Find the mesh files of links, by name, without reading them.
+    """Find the mesh files of links, by name.
 
-    The search order is documented at :meth:`cspace.Robot.from_urdf`. One warning lists the files that were found only
-    under a part of their names.
+    The files are not read. The search order is documented at :meth:`cspace.Robot.from_urdf`. One warning lists the
+    files that were found only under a part of their names.
 
     Raises FileError if a mesh is missing or ambiguous.
     """
@@ -101,9 +103,9 @@ def find_meshes(
 def locate_meshes(
     places: Mapping[str, str], path: str | os.PathLike[str], package_dirs: Sequence[Path]
 ) -> dict[str, Path]:
-    """Find the mesh files that a file names, as :func:`find_meshes` does.
+    """Find the mesh files that a file names.
 
-    `places` describes for messages where the file names each mesh.
+    See :func:`find_meshes` for the search. ``places`` has, for each mesh, its place in the file, for messages.
     """
     folder = Path(path).resolve().parent
     meshes: dict[str, Path] = {}
@@ -127,7 +129,10 @@ def locate_meshes(
 
 
 def _check_robot(root: Element) -> None:
-    """Refuse a URDF that yourdfpy would read in part, or misread."""
+    """Refuse a URDF that yourdfpy would misread.
+
+    Raises ContentError.
+    """
     if root.tag != "robot":
         problem = f"holds <{root.tag:.60}>, not <robot>"
         raise ContentError(problem, "a URDF file describes a robot", "pass the right file")
@@ -140,6 +145,7 @@ def _check_robot(root: Element) -> None:
             raise ContentError(f"has more than one {kind} {twice[0]!r}", "names must be unique", "rename one")
         for element in root.findall(kind):
             _check_numbers(element, f"{kind} {element.get('name')!r}")
+    # Joints must join known links, have an axis, and give each link one parent.
     parents: dict[str, str] = {}
     known = set(names)
     for joint in root.findall("joint"):
@@ -156,6 +162,7 @@ def _check_robot(root: Element) -> None:
             problem = f"joins {child!r} to {parents[child]!r} and {parent!r}"
             raise ContentError(problem, "a link has one parent", "remove a joint")
         parents[child] = parent
+    # Follow the parents of each link to a root or to a link that was visited before.
     rooted: set[str] = set()
     for name in names:
         above, child = {name}, name
@@ -174,7 +181,10 @@ def _check_robot(root: Element) -> None:
 
 
 def _check_numbers(element: Element, place: str) -> None:
-    """Refuse attributes with a wrong count of numbers."""
+    """Refuse attributes with a wrong count of numbers.
+
+    Raises ContentError. ``place`` names the element in messages.
+    """
     for part in element.iter():
         for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(part.tag), {}).items():
             text = part.get(name, " ".join("0" * count))
@@ -188,6 +198,10 @@ def _check_numbers(element: Element, place: str) -> None:
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
+    """Refuse a collision geometry that is not one known shape.
+
+    Raises ContentError. ``place`` names the geometry in messages.
+    """
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in GEOMETRIES:
         kinds = ", ".join(f"<{shape.tag:.40}>" for shape in shapes) or "nothing"
@@ -214,7 +228,10 @@ def _children(urdf: URDF) -> dict[str, list[Any]]:
 
 
 def fixed_links(urdf: URDF) -> list[str]:
-    """Return the root and the links that fixed joints attach."""
+    """List the links that are fixed to the root.
+
+    The root comes first.
+    """
     rigid, below = [root_link(urdf)], _children(urdf)
     for name in rigid:  # the list grows in the loop
         rigid += [joint.child for joint in below[name] if joint.type == "fixed"]
@@ -222,9 +239,9 @@ def fixed_links(urdf: URDF) -> list[str]:
 
 
 def zero_poses(urdf: URDF) -> dict[str, Floats]:
-    """Return the pose of each link, with all joints at zero.
+    """Return the pose of each link at zero joints.
 
-    Poses are relative to the root, shape (4, 4). A joint that mimics another one is at its offset.
+    Poses are matrices, shape (4, 4), relative to the root. A joint that mimics another one is at its offset.
     """
     from scipy.spatial.transform import Rotation
 
@@ -244,7 +261,9 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
 
 
 def package_folders(package_dirs: PackageDirs) -> list[Path]:
-    """Return `package_dirs`, one folder or several, as a list of paths.
+    """Return package folders as a list of paths.
+
+    ``package_dirs`` is one folder or several.
 
     Raises InputError if it is of another type or a folder is missing.
     """
@@ -263,21 +282,22 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
 def _candidate_paths(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the candidate paths of a mesh.
 
-    First by its full name, in order, then by a part of the name. `folder` is the folder of the URDF.
+    The first list has the paths for its full name, in order of preference; the second list has paths for a part of the
+    name. `folder` is the folder of the URDF.
     """
-    scheme, _, rest = name.rpartition("://")
-    above = [folder, *folder.parents]
+    scheme, _, relative = name.rpartition("://")
+    folders_above = [folder, *folder.parents]
     if scheme not in _PACKAGE_SCHEMES:
-        return [folder / rest], [each / rest for each in (*package_dirs, *above)]
+        return [folder / relative], [each / relative for each in (*package_dirs, *folders_above)]
     variables = [
         Path(each) / tail
         for variable, tail in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
         for each in os.environ.get(variable, "").split(os.pathsep)
         if each
     ]
-    inside = rest.partition("/")[2]
-    return [each / rest for each in (*package_dirs, *above, *variables)], [
-        each / inside for each in (*package_dirs, *above)
+    inside_package = relative.partition("/")[2]
+    return [each / relative for each in (*package_dirs, *folders_above, *variables)], [
+        each / inside_package for each in (*package_dirs, *folders_above)
     ]
 
 
@@ -292,7 +312,7 @@ def _existing_files(places: Iterable[Path]) -> list[Path]:
 
 
 def _check_single(found: Sequence[Path], place: str, folder: Path) -> None:
-    """Raise FileError if a mesh has no file, or several candidates."""
+    """Raise FileError unless a mesh has one file."""
     hint = "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the folder of its package"
     if not found:
         places = f"package_dirs, {folder} and the folders above it, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
@@ -303,6 +323,7 @@ def _check_single(found: Sequence[Path], place: str, folder: Path) -> None:
 
 
 _SRDF_KIND: Final = "SRDF"
+"""Kind of file, for messages."""
 
 _MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 """Types of joints with one value."""
@@ -375,7 +396,10 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
 
 
 class _Reader:
-    """Parser of an SRDF that notes unknown names."""
+    """Parser of an SRDF that collects unknown names.
+
+    ``unknown`` holds names that the URDF lacks, ``bare`` links without collision geometry.
+    """
 
     def __init__(self, root: Element, urdf: URDF) -> None:
         self._root, self._links = root, urdf.link_map
@@ -386,15 +410,18 @@ class _Reader:
         self.bare: dict[str, None] = {}
 
     def _known(self, names: Iterable[str], there: Container[str]) -> bool:
-        """Return True if all names are in `there`; note the missing ones."""
+        """Return True if all names are known.
+
+        They are known if they are in `there`; other names are collected in ``unknown``.
+        """
         missing = [name for name in names if name not in there]
         self.unknown |= dict.fromkeys(missing)
         return not missing
 
     def allowed(self) -> dict[tuple[str, str], str]:
-        """Return the pairs that may touch.
+        """Return the pairs of links that may touch.
 
-        Like MoveIt, apply the defaults first, then enabled, then disabled pairs.
+        Each has its reason. Like MoveIt, apply the defaults first, then enabled, then disabled pairs.
         """
         solid = {name: None for name, link in self._links.items() if link.collisions}
         allowed: dict[tuple[str, str], str] = {}
@@ -409,7 +436,10 @@ class _Reader:
         return allowed
 
     def _named(self, tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
-        """Yield known links that elements name, and the reason."""
+        """Yield the known links that elements name.
+
+        Each item has the names of the links, and the reason of the element.
+        """
         for element in self._root.iter(tag):
             names = tuple(_attribute(element, key) for key in keys)
             if self._known(names, self._links):
@@ -472,7 +502,10 @@ class _Reader:
 
 
 def _parse_value(text: str, state: str, joint: str) -> float:
-    """Return the value of a joint in a named state."""
+    """Parse the value of a joint in a named state.
+
+    Raises ContentError if it is not a finite number.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -484,7 +517,10 @@ def _parse_value(text: str, state: str, joint: str) -> float:
 
 
 def _attribute(element: Element, key: str) -> str:
-    """Return a required attribute."""
+    """Return a required attribute.
+
+    Raises ContentError if it is missing.
+    """
     value = element.get(key)
     if value is None:
         raise ContentError(f"has a <{element.tag}> without {key}", "it must be there", "add it")
@@ -492,4 +528,5 @@ def _attribute(element: Element, key: str) -> str:
 
 
 def _sorted_pair(one: str, other: str) -> tuple[str, str]:
+    """Return two names in alphabetical order."""
     return (one, other) if one < other else (other, one)
