@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import operator
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -131,6 +132,16 @@ def check_word(value: Any, name: str, choices: Sequence[Any], hint: str = "pass 
     if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
         *others, last = map(repr, choices)
         raise InputError(name, f"is {value!r}", f"it must be {', '.join(others)} or {last}", hint, value=value)
+
+
+def check_known(value: object, name: str, known: Collection[str], verb: str = "is") -> str:
+    """Return a name that is known; raise InputError with the nearest known name otherwise."""
+    if isinstance(value, str) and value in known:
+        return value
+    close = difflib.get_close_matches(str(value), known, n=1)
+    rule = f"there are {', '.join(known)}" if known else "there is none"
+    hint = f"did you mean {close[0]!r}?" if close else "name one of these" if known else "leave it out"
+    raise InputError(name, f"{verb} {value!r}", rule, hint, value=value)
 
 
 def check_flag(value: bool, name: str) -> None:

@@ -3,8 +3,9 @@
 from cspace.arms.inverse import PoseGoal
 from cspace.arms.joint_map import build_joint_map
 from cspace.arms.model import Arm
+from cspace.arms.snapshots import Contact
 from cspace.arms.solids import PosedShape, read_moveit_scene
-from cspace.arms.space import ArmSpace, Contact, build_arm_space
+from cspace.arms.space import ArmSpace, build_arm_space
 
 __all__ = [
     "Arm",

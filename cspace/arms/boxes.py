@@ -325,19 +325,20 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
     A negative ``rest`` requires that the point lies deeper than that in the box or ball.
     """
     trees, nodes, near, (x, y, z) = solids.trees, scratch.nodes, max(rest, 0.0), point
-    nodes[1, 0], top = solids.tree_roots[j], 2
-    while top > 1:
-        top -= 1
-        b = nodes[top, 0]
-        box, (row, m) = trees.boxes[b], trees.spans[b]
-        if abs(x - box[0]) > near + box[3] or abs(y - box[1]) > near + box[4] or abs(z - box[2]) > near + box[5]:
-            continue
-        if m == 1:
-            if piece_depth(trees.triangles[row], point) + rest > 0.0:
-                return True
-            continue
-        nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
-        top += 2
+    for part in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
+        nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
+        while top > 1:
+            top -= 1
+            b = nodes[top, 0]
+            box, (row, m) = trees.boxes[b], trees.spans[b]
+            if abs(x - box[0]) > near + box[3] or abs(y - box[1]) > near + box[4] or abs(z - box[2]) > near + box[5]:
+                continue
+            if m == 1:
+                if piece_depth(trees.triangles[row], point) + rest > 0.0:
+                    return True
+                continue
+            nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
+            top += 2
     return False
 
 
@@ -391,7 +392,7 @@ def surface_depth(solids: Solids, surface: int, x: float, y: float, z: float) ->
     It is negative outside.
     """
     box, winding, nearest = solids.boxes[surface], 0, np.inf
-    for t in range(solids.surface_starts[surface], solids.surface_starts[surface + 1]):
+    for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
         winding += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
         nearest = min(nearest, point_triangle((x, y, z), solids.triangles[t]))
     # Outside, the distance must not be too small, but the distance from thin triangles may be.

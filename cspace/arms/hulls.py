@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -87,10 +86,10 @@ class Hulls(NamedTuple):
         Of each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of its ball about that
         center ([6]), distance by which its hull is grown ([7]), and about how much the hull exceeds its contents
         ([8]).
-    nodes : ndarray of int64, shape (m, 4)
-        The second child, or 0 for a leaf; the first child is the next node. Then the range [start, stop) of the corners
-        of the hull: 0, 0 without a hull, and start = stop for a leaf that fills its box. Last, 1 if the node contains
-        whole connected parts only.
+    nodes : ndarray of int64, shape (m, 5)
+        The second child, or 0 for a leaf. Then the range [start, stop) of the corners of the hull: 0, 0 without a hull,
+        and start = stop for a leaf that fills its box. Then 1 if the node contains whole connected parts only. Last,
+        the first child, or 0 for a leaf; in a part it is the next node.
     corners : ndarray of float64, shape (3, n)
         Corners of all hulls.
     """
@@ -136,15 +135,15 @@ def build_hulls(rows: Floats, volume: float) -> Hulls:
     ``volume`` is the volume that the triangles enclose.
     """
     if not len(rows):
-        return Hulls(np.empty((0, 9)), np.empty((0, 4), np.int64), np.empty((3, 0)))
+        return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
     box, order, spans = build_boxes(*bound_rows(rows))
     rows, (starts, counts) = rows[order], spans.T
     boxes = np.column_stack(
         [box, np.linalg.norm(box[:, 3:], axis=1), node_maxima(np.maximum(rows[:, 9], 0.0), spans), 0.0 * starts]
     )
-    nodes, leaf = np.zeros((len(box), 4), dtype=np.int64), counts == 1
+    nodes, leaf = np.zeros((len(box), 5), dtype=np.int64), counts == 1
     inside = np.flatnonzero(~leaf)
-    nodes[inside, 0] = inside + 2 * (counts[inside] // 2)
+    nodes[inside, 0], nodes[inside, 4] = inside + 2 * (counts[inside] // 2), inside + 1
     corners, firsts = _row_corners(rows)
     nodes[leaf, 1], nodes[leaf, 2] = firsts[starts[leaf]], firsts[starts[leaf] + 1]
     # Boxes and balls are solid, so each is a whole connected part.
@@ -166,7 +165,7 @@ def build_hulls(rows: Floats, volume: float) -> Hulls:
         boxes[node, 7], boxes[node, 8] = grown, grown + depth
         if is_whole and grown <= 2.0 * HULL_ROUNDING * np.ptp(points, axis=0).max():
             boxes[0, 8] = 0.0
-            return Hulls(boxes[:1], np.array([[0, 0, len(hull), 1]]), np.ascontiguousarray(hull.T))
+            return Hulls(boxes[:1], np.array([[0, 0, len(hull), 1, 0]]), np.ascontiguousarray(hull.T))
         nodes[node, 1], nodes[node, 2], stop = stop, stop + len(hull), stop + len(hull)
         parts.append(hull)
     tiles = np.flatnonzero(~leaf & has_hull & (ranks == 0) & (nodes[:, 2] == 0))
@@ -196,6 +195,8 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
         chosen &= ~is_box
         corners[firsts[:-1][chosen] + k] = rows[chosen, 3 * k : 3 * k + 3]
     tilted = is_box & ~upright
+    if not tilted.any():
+        return corners, firsts
     w = np.cross(u[tilted], v[tilted])
     w *= (rows[tilted, 9] / np.linalg.norm(w, axis=1))[:, None]
     for k in range(8):
@@ -256,45 +257,20 @@ def largest_distance(points: Floats, triangles: Floats) -> float:
     return largest
 
 
-def build_forest(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
-    """Build a tree for each solid from the trees of its parts.
+def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
+    """Build the nodes above several roots, whose boxes have shape (n, 9).
 
-    Returns the trees, their roots, and the first node of each part, in order; -1 for none.
+    Returns rows of :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the first is the root.
     """
-    boxes, nodes, corners = [np.empty((0, 9))], [np.empty((0, 4), np.int64)], [np.empty((3, 0))]
-    roots, firsts, size, count = list[int](), list[int](), 0, 0
-
-    def add(parts: list[tuple[int, Hulls]]) -> None:
-        """Append the tree over some parts, split along the longest side."""
-        nonlocal size, count
-        if len(parts) == 1:
-            ((number, part),) = parts
-            firsts[number], shift = size, (part.nodes > 0) * np.array([size, count, count, 0])
-            shift[:, 1] = shift[:, 2]
-            boxes.append(part.boxes)
-            nodes.append(part.nodes + shift)
-            corners.append(part.corners)
-            size, count = size + len(part.nodes), count + part.corners.shape[1]
-            return
-        extents = np.stack([part.boxes[0, :6] for _, part in parts])
-        low, high = (extents[:, :3] - extents[:, 3:]).min(axis=0), (extents[:, :3] + extents[:, 3:]).max(axis=0)
-        order = extents[:, int((high - low).argmax())].argsort(kind="stable").tolist()
-        half_time, sides = len(order) // 2, 0.5 * (high - low)
-        boxes.append(np.array([[*(0.5 * (low + high)), *sides, np.linalg.norm(sides), 0.0, 0.0]]))
-        nodes.append(row := np.array([[0, 0, 0, 1]]))
-        size += 1
-        add([parts[k] for k in order[:half_time]])
-        row[0, 0] = size
-        add([parts[k] for k in order[half_time:]])
-
-    for solid in solids:
-        filled = [(len(firsts) + k, part) for k, part in enumerate(solid) if len(part.nodes)]
-        firsts += [-1] * len(solid)
-        roots.append(size if filled else -1)
-        if filled:
-            add(filled)
-    hulls = Hulls(np.concatenate(boxes), np.concatenate(nodes), np.ascontiguousarray(np.concatenate(corners, axis=1)))
-    return hulls, np.array(roots, dtype=np.int64), np.array(firsts, dtype=np.int64)
+    box, order, spans = build_boxes(boxes[:, :3] - boxes[:, 3:6], boxes[:, :3] + boxes[:, 3:6])
+    inner = np.flatnonzero(spans[:, 1] > 1)
+    numbers = roots[order[spans[:, 0]]]  # of leaves; the first root of other nodes is replaced
+    numbers[inner] = start + np.arange(len(inner))
+    nodes = np.zeros((len(inner), 5), dtype=np.int64)
+    nodes[:, 0], nodes[:, 3], nodes[:, 4] = numbers[inner + 2 * (spans[inner, 1] // 2)], 1, numbers[inner + 1]
+    rows = np.zeros((len(inner), 9))
+    rows[:, :6], rows[:, 6] = box[inner], np.linalg.norm(box[inner, 3:], axis=1)
+    return rows, nodes
 
 
 def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
@@ -302,7 +278,7 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
     A node without a hull has the corners of its box; metres.
     """
-    _, first, stop, _ = hulls.nodes[node].tolist()
+    first, stop = hulls.nodes[node, 1:3].tolist()
     if first < stop:
         return hulls.corners[:, first:stop].T, float(hulls.boxes[node, 7])
     box, signs = hulls.boxes[node], np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -391,17 +367,23 @@ def tree_slack(
         if b_child == 0 or (
             a_child > 0 and (a_has_hull < b_has_hull or (a_has_hull == b_has_hull and box[6] >= fixed[6]))
         ):
-            scratch[top, 0], scratch[top, 1], scratch[top + 1, 0], scratch[top + 1, 1] = a_child, b, a + 1, b
+            scratch[top, 0], scratch[top, 1], scratch[top + 1, 0], scratch[top + 1, 1] = (
+                a_child,
+                b,
+                hulls.nodes[a, 4],
+                b,
+            )
         else:
             # Push the nearer child last, so that it is tested first and its bound prunes the other.
-            one_box, other_box = hulls.boxes[b + 1], hulls.boxes[b_child]
+            b_first = hulls.nodes[b, 4]
+            one_box, other_box = hulls.boxes[b_first], hulls.boxes[b_child]
             x, y, z = (
                 2.0 * mx - one_box[0] - other_box[0],
                 2.0 * my - one_box[1] - other_box[1],
                 2.0 * mz - one_box[2] - other_box[2],
             )
             near = x * (one_box[0] - other_box[0]) + y * (one_box[1] - other_box[1]) + z * (one_box[2] - other_box[2])
-            nearer, farther = (b + 1, b_child) if near > 0.0 else (b_child, b + 1)
+            nearer, farther = (b_first, b_child) if near > 0.0 else (b_child, b_first)
             scratch[top, 0], scratch[top, 1], scratch[top + 1, 0], scratch[top + 1, 1] = a, farther, a, nearer
         top += 2
     scratch[1, 0] = 1 if partial else 0

@@ -6,6 +6,7 @@ In the space of its joints an arm is a point, and its obstacles are the cells th
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
@@ -115,6 +116,7 @@ def build_joint_map(
     ----------
     T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
     """
+    space = copy.copy(space)  # changes of the given space do not change this copy
     side, arm = check_positive(spacing, "spacing", "radians"), space.arm
     names = arm.joints if joints is None else tuple(joints)
     for name in names:
@@ -149,12 +151,12 @@ def build_joint_map(
     moving = _moving_pairs(space, joint_indices)
     _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
 
-    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._inner_scene.solids)
+    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._snapshot.inner.solids)
     parts, work = [np.zeros((1, 1, 1), dtype=np.uint8)], []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
-        pairs = space._outer_scene.pairs[(moving == moved).all(axis=1)]
-        scene = space._outer_scene._replace(pairs=pairs)
-        inside = InnerScene(space._inner_scene._replace(pairs=pairs), balls)
+        chosen = (moving == moved).all(axis=1)
+        scene = space._outer_scene.select_pairs(chosen)
+        inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
         # Along joints that do not move these pairs, one cell represents all.
         sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
         parts.append(np.empty(sides, dtype=np.uint8))
@@ -260,12 +262,12 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
 
     Otherwise all cells would be BLOCKED.
     """
-    scene = space._outer_scene._replace(pairs=space._outer_scene.pairs[still])
+    scene = space._outer_scene.select_pairs(still)
     if not len(scene.pairs):
         return
     q = held[np.newaxis]
     if not are_free(scene, q, q)[0]:
-        link, other, *_ = space._contact(scene, q)
+        link, other, *_ = space._snapshot.contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in joint_indices)} do not move them apart"
         raise ConfigurationError("held_joints", problem, rule, "hold the other joints elsewhere", value=held)
@@ -299,10 +301,11 @@ def _inner_balls(solids: Solids) -> InnerBalls:
     surfaces = [_sample_depths(solids, surface) for surface in range(len(solids.boxes))]
     balls: list[Floats] = []
     counts = []
-    for number, stem in enumerate(solids.tree_roots.tolist()):
-        first, count = solids.trees.spans[stem].tolist() if stem >= 0 else (0, 0)
-        rows = solids.trees.triangles[first : first + count]
-        found = [_solid_balls(rows)]
+    for number in range(len(solids.bodies)):
+        roots = solids.tree_roots[solids.starts[number, 2] : solids.starts[number + 1, 2]]
+        spans = solids.trees.spans[roots[roots >= 0]].tolist()
+        parts = [solids.trees.triangles[first : first + count] for first, count in spans]
+        found = [_solid_balls(np.concatenate([np.empty((0, 10)), *parts]))]
         found += [_pick_balls(*surfaces[k]) for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])]
         corners = solids.anchors[solids.starts[number, 1] : solids.starts[number + 1, 1]]
         corners = corners[:: -(-len(corners) // _MAX_CORNERS_PER_SOLID) or 1]

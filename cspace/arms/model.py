@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike
 from cspace.arms.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, body_poses
 from cspace.arms.inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms.proofs import Scene, are_free
-from cspace.arms.solids import Solid, check_rigid, make_scene, share_posed_shape
+from cspace.arms.scenes import make_scene
+from cspace.arms.solids import Solid, check_rigid, share_posed_shape
 from cspace.arrays import Bools, Floats, frozen
-from cspace.check import check_count, check_finite
+from cspace.check import check_count, check_finite, check_known
 from cspace.errors import ConfigurationError, InputError
 from cspace.shapes import ShapeLike, as_shape
 
@@ -145,6 +146,7 @@ class Arm:
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
     end_effectors: dict[str, EndEffector] = field(default_factory=dict)
     _states: dict[str, dict[str, float]] = field(default_factory=dict)
+    _carriers: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def from_urdf(
@@ -483,7 +485,29 @@ class Arm:
         touching = {each.name for each in self.links}.intersection([link, *others])
         allowed = self.allowed_collisions | {sort_pair(name, each): "held" for each in touching}
         frames = self._frames | {name: frame}
-        return replace(self, links=(*self.links, held), allowed_collisions=allowed, _frames=frames)
+        carriers = self._carriers | {name: link}
+        return replace(self, links=(*self.links, held), allowed_collisions=allowed, _frames=frames, _carriers=carriers)
+
+    def detach(self, name: str) -> Arm:
+        """Return the arm without an attached object.
+
+        Raises
+        ------
+        InputError
+            If no attached object has the name, or another one is attached to it.
+        """
+        check_known(name, "name", self._carriers)
+        for other, link in self._carriers.items():
+            if link == name:
+                hint = f"detach {other!r} first"
+                raise InputError("name", f"is {name!r}", f"it carries {other!r}", hint, value=name)
+        return replace(
+            self,
+            links=tuple(link for link in self.links if link.name != name),
+            allowed_collisions={pair: why for pair, why in self.allowed_collisions.items() if name not in pair},
+            _frames={frame: pose for frame, pose in self._frames.items() if frame != name},
+            _carriers={each: link for each, link in self._carriers.items() if each != name},
+        )
 
     @cached_property
     def pairs(self) -> dict[Names, str]:
@@ -516,10 +540,7 @@ class Arm:
 
     def _check_frame(self, name: object, argument: str) -> str:
         """Return the name of a frame; raise InputError if there is none of that name."""
-        if not isinstance(name, str) or name not in self._frames:
-            rule = f"there are {', '.join(self._frames)}"
-            raise InputError(argument, f"is {name!r}", rule, "name one of these", value=name)
-        return name
+        return check_known(name, argument, self._frames)
 
     def _check_limits(self, q: Floats, name: str) -> None:
         """Raise ConfigurationError if a joint exceeds a limit by more than :data:`LIMIT_SLACK`.
@@ -857,12 +878,12 @@ def sample_apart(scene: Scene, points: Floats) -> Bools:
 
     There are n configurations.
     """
-    proven = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
+    proven = [are_free(scene.select_pairs(slice(n, n + 1)), points, points) for n in range(len(scene.pairs))]
     return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
 
 
 def always_touch(scene: Scene, points: Floats) -> Bools:
     """Return whether each pair is never proven apart, shape (p,)."""
     left = np.asarray(~sample_apart(scene, points[:_FIRST_SAMPLES]).any(axis=1))
-    left[left] = ~sample_apart(scene._replace(pairs=scene.pairs[left]), points[_FIRST_SAMPLES:]).any(axis=1)
+    left[left] = ~sample_apart(scene.select_pairs(left), points[_FIRST_SAMPLES:]).any(axis=1)
     return left

@@ -36,6 +36,8 @@ NO_MOTION: Final = (0.0, 0.0, 0.0)
 class Solids(NamedTuple):
     """Links and obstacles: their bodies, trees, closed surfaces and anchors.
 
+    The trees and triangles may also have rows of solids of other scenes, which share the arrays.
+
     Attributes
     ----------
     bodies : ndarray of int64, shape (s,)
@@ -44,28 +46,28 @@ class Solids(NamedTuple):
     roots : ndarray of int64, shape (s,)
         Root of each solid, -1 if it is empty.
     part_roots : ndarray of int64, shape (k,)
-        First node of each part, solid by solid.
+        Root of each part in ``hulls``, solid by solid; -1 for none.
     levers : ndarray of float64, shape (s,)
         Reach of each solid from the origin of its body.
     trees : Trees
         Triangles, boxes and balls that prove BLOCKED, each in the frame of its body.
-    tree_roots : ndarray of int64, shape (s,)
-        Roots of these trees.
+    tree_roots : ndarray of int64, shape (k,)
+        Root of each part in ``trees``; -1 for none.
     triangles : ndarray of float64, shape (n, 3, 3)
         Triangles of closed surfaces.
     windings : ndarray of int64, shape (n,)
         Multiplicity of each triangle.
     boxes : ndarray of float64, shape (h, 6)
         Lower and upper corner of each surface.
-    surface_starts : ndarray of int64, shape (h + 1,)
-        First triangle of each surface.
+    surface_spans : ndarray of int64, shape (h, 2)
+        Range [start, stop) of the triangles of each surface.
     anchors : ndarray of float64, shape (m, 3)
         A point of each connected part.
     has_solids : ndarray of bool, shape (s,)
         True if the tree has boxes or balls, which are solid. Their levers are 1 if they could lie entirely inside
         others, else 0.
-    starts : ndarray of int64, shape (s + 1, 2)
-        First surface and first anchor of each solid.
+    starts : ndarray of int64, shape (s + 1, 3)
+        First surface, first anchor and first part of each solid.
     """
 
     bodies: Ints
@@ -78,7 +80,7 @@ class Solids(NamedTuple):
     triangles: Floats
     windings: Ints
     boxes: Floats
-    surface_starts: Ints
+    surface_spans: Ints
     anchors: Floats
     has_solids: Bools
     starts: Ints
@@ -93,6 +95,8 @@ class Scene(NamedTuple):
     solids : Solids
     pairs : ndarray of int64, shape (p, 2)
         Solids that may not touch; the body of the second is the world, or moves too.
+    padding : ndarray of float64, shape (p,)
+        Distance that each pair must keep in addition, metres.
     max_coordinate : float
         Largest coordinate at any configuration, metres.
     required : float
@@ -102,8 +106,13 @@ class Scene(NamedTuple):
     chain: Chain
     solids: Solids
     pairs: Ints
+    padding: Floats
     max_coordinate: float
     required: float
+
+    def select_pairs(self, which: Ints | Bools | slice) -> Scene:
+        """Return the scene with some of its pairs."""
+        return self._replace(pairs=self.pairs[which], padding=self.padding[which])
 
 
 class SceneScratch(NamedTuple):
@@ -263,7 +272,8 @@ def pair_slack(
 ) -> float:
     """Return :func:`cspace.arms.hulls.tree_slack` of a pair, inf if one solid is empty.
 
-    ``bounds`` are the time to either side, the largest deviation from the linear motion, and the largest displacement.
+    The pair's padding is required in addition. ``bounds`` are the time to either side, the largest deviation from the
+    linear motion, and the largest displacement.
     """
     solids, nodes, nearest, (half, curvature_bound, most) = scene.solids, scratch.nodes, scratch.nearest, bounds
     i, j = scene.pairs[n]
@@ -271,7 +281,12 @@ def pair_slack(
         nodes[1, 0] = 0
         return np.inf
     motion = relative_motion(
-        scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]], half, curvature_bound, most, required
+        scratch.poses[solids.bodies[i]],
+        scratch.poses[solids.bodies[j]],
+        half,
+        curvature_bound,
+        most,
+        required + scene.padding[n],
     )
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
     slack = tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, enough, nodes, scratch.directions)
@@ -322,21 +337,22 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
         center = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
         half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
         (x, y, z), (hx, hy, hz) = apply_pose(back, shift_back, center), box_extent(back, half)
-        nodes[1, 0], top = solids.tree_roots[i], 2
-        while top > 1:
-            top -= 1
-            b = nodes[top, 0]
-            box, (row, m) = trees.boxes[b], trees.spans[b]
-            if box[6] == 0.0 or abs(x - box[0]) > hx + box[3]:
-                continue
-            if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
-                continue
-            if m == 1:
-                if encloses(solids, surface, apply_pose(matrix, shift, row_at(trees.triangles[row], 0)), min_depth):
-                    return True
-                continue
-            nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
-            top += 2
+        for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
+            nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
+            while top > 1:
+                top -= 1
+                b = nodes[top, 0]
+                box, (row, m) = trees.boxes[b], trees.spans[b]
+                if box[6] == 0.0 or abs(x - box[0]) > hx + box[3]:
+                    continue
+                if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
+                    continue
+                if m == 1:
+                    if encloses(solids, surface, apply_pose(matrix, shift, row_at(trees.triangles[row], 0)), min_depth):
+                        return True
+                    continue
+                nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
+                top += 2
     return False
 
 
@@ -351,12 +367,12 @@ def encloses(solids: Solids, surface: int, point: Row, min_depth: float) -> bool
     if not (box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]):
         return False
     windings = 0
-    for t in range(solids.surface_starts[surface], solids.surface_starts[surface + 1]):
+    for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
         windings += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
     if windings == 0:
         return False
     if min_depth >= 0.0:  # distances cost more than windings, so they come second
-        for t in range(solids.surface_starts[surface], solids.surface_starts[surface + 1]):
+        for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
             if point_triangle((x, y, z), solids.triangles[t]) <= min_depth:
                 return False
     return True
@@ -368,12 +384,27 @@ def boundaries_cross(scene: Scene, n: int, scratch: SceneScratch, required: floa
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the rounding of a point.
     """
-    solids, trees, nodes = scene.solids, scene.solids.trees, scratch.nodes
+    solids = scene.solids
     i, j = scene.pairs[n]
-    if solids.tree_roots[i] < 0 or solids.tree_roots[j] < 0:
-        return False
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
-    nodes[1, 0], nodes[1, 1], top = solids.tree_roots[i], solids.tree_roots[j], 2
+    for one in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
+        for other in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
+            roots = solids.tree_roots[one], solids.tree_roots[other]
+            if roots[0] >= 0 and roots[1] >= 0 and parts_cross(solids.trees, roots, matrix, shift, scratch, required):
+                return True
+    return False
+
+
+@kernel
+def parts_cross(
+    trees: Trees, roots: tuple[int, int], matrix: Matrix, shift: Row, scratch: SceneScratch, required: float
+) -> bool:
+    """Return True if the boundary of one part provably crosses another part, given the roots of both.
+
+    The pose of the first part is as seen from the second.
+    """
+    nodes = scratch.nodes
+    nodes[1, 0], nodes[1, 1], top = roots[0], roots[1], 2
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
@@ -426,7 +457,8 @@ def is_beyond_side(matrix: Matrix, center: Row, half: Row, piece: Floats) -> boo
 def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch) -> None:
     """Bound the distance over all pairs from below.
 
-    ``points`` has shape (n, dof). Negative values prove nothing. ``nearest``, shape (n, 3), receives the pair and the
+    ``points`` has shape (n, dof). The distances are those beyond the required distance of the scene, padding included.
+    Negative values prove nothing. ``nearest``, shape (n, 3), receives the pair and the
     two nodes that set the bound.
     """
     nodes = scratch.nodes
@@ -436,9 +468,13 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
         out[k] = np.inf
         for n in range(len(scene.pairs)):
             scratch.nearest[n, 0] = -1  # keeps the bound independent of earlier queries
-            slack = pair_slack(scene, n, NO_MOTION, required, out[k], scratch)
+            # A pair that is too near counts, even if its distance exceeds that of a pair with less padding.
+            enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
+            slack = pair_slack(scene, n, NO_MOTION, required, enough, scratch)
             if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, -1.0):
                 slack = -1.0
+            if slack >= 0.0:
+                slack += scene.padding[n]
             if slack < out[k]:
                 out[k] = slack
                 nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]

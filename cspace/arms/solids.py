@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
@@ -13,15 +13,12 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import Chain
-from cspace.arms.hulls import Hulls, build_forest, build_hulls
-from cspace.arms.proofs import Scene, Solids
+from cspace.arms.hulls import Hulls, build_hulls
 from cspace.arrays import Floats, Ints, StrPath
 from cspace.check import check_finite, check_positive
 from cspace.errors import InputError
-from cspace.exact import DISTANCE_ROUNDING
 from cspace.exact.boundaries import as_triangles, part_anchors
-from cspace.exact.triangles import Trees, build_tree, concatenate_trees, pack_boxes, pack_triangles
+from cspace.exact.triangles import Trees, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, as_shape
 from cspace.workspace import Workspace
@@ -102,9 +99,9 @@ class PosedShape:
         return pack_triangles(self.boundary), np.linalg.norm(self.boundary.simplices, axis=-1).max(axis=1)
 
     @cached_property
-    def trees(self) -> dict[tuple[PosedShape, ...], Trees]:
-        """Cached trees of this shape together with others, by all shapes."""
-        return {}
+    def tree(self) -> Trees:
+        """Tree of the rows."""
+        return build_tree(*self.rows)
 
     @cached_property
     def hulls(self) -> Hulls:
@@ -120,6 +117,12 @@ class PosedShape:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
         vertices, faces = self._exact.surface
         return Mesh(self.transform(vertices), faces).closed  # corners stay shared to the last bit
+
+    @cached_property
+    def surface_box(self) -> Floats:
+        """Lower and upper corner of the triangles of closed bodies, shape (6,)."""
+        corners, _ = self.surface
+        return np.concatenate([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
 
     @cached_property
     def anchors(self) -> Floats:
@@ -154,6 +157,15 @@ class StaticShape(PosedShape):
     """
 
     reach: float
+
+    def has_levers_of(self, reach: float) -> bool:
+        """Return True if the shape would be the same with another reach."""
+        return reach == self.reach or all(
+            np.array_equal(sizes <= reach, sizes <= self.reach)
+            for part in self.bounds_pair
+            if part._exact.is_boxes
+            for sizes in [part._exact.boxes[2]]
+        )
 
     @cached_property
     def is_filled(self) -> bool:  # type: ignore[override]
@@ -210,100 +222,6 @@ def share_posed_shape(shape: Shape, pose: Floats) -> PosedShape:
     """Return a posed shape, shared by all equal links."""
     digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the spec, because the shape may carry caches
     return _SHARED_SHAPES.setdefault(digest, PosedShape(shape, pose))
-
-
-def pack_solids(solids: Sequence[Solid], side: int, outer: Solids | None = None) -> Solids:
-    """Return the solids as kernels take them.
-
-    ``side`` 0 selects their outer shapes, 1 their inner shapes. Anchors of outer shapes are one point per connected
-    part; anchors of inner shapes are :attr:`PosedShape.probes`. If all shapes are exact, the trees of ``outer`` are
-    reused.
-    """
-    parts = [[part.bounds_pair[side] for part in solid.parts] for solid in solids]
-    surfaces = [[part.surface for part in each if len(part.surface[0])] for each in parts]
-    points = [[part.probes if side else part.anchors for part in each] for each in parts]
-    closed = [surface for each in surfaces for surface in each]
-    if outer is None or any(part.bounds_pair[0] is not part.bounds_pair[1] for solid in solids for part in solid.parts):
-        trees, roots_of_trees = concatenate_trees([_cached_tree(each) for each in parts])
-        tree_roots = np.array(roots_of_trees, dtype=np.int64)
-    else:
-        trees, tree_roots = outer.trees, outer.tree_roots
-    if outer is None:
-        hulls, roots, part_roots = build_forest([[part.hulls for part in each] for each in parts])
-    else:
-        hulls, roots, part_roots = outer.hulls, outer.roots, outer.part_roots
-    boxes = hulls.boxes[roots] * (roots >= 0)[:, None]
-    return Solids(
-        bodies=np.array([solid.body for solid in solids], dtype=np.int64),
-        hulls=hulls,
-        roots=roots,
-        part_roots=part_roots,
-        levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
-        trees=trees,
-        tree_roots=tree_roots,
-        triangles=np.concatenate([np.empty((0, 3, 3)), *(corners for corners, _ in closed)]),
-        windings=np.concatenate([np.empty(0, np.int64), *(windings for _, windings in closed)]),
-        boxes=np.array([[*c.min((0, 1)), *c.max((0, 1))] for c, _ in closed]).reshape(-1, 6),
-        surface_starts=_starts(len(corners) for corners, _ in closed),
-        anchors=np.concatenate([np.empty((0, 3)), *(part for each in points for part in each)]),
-        has_solids=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (tree_roots >= 0),
-        starts=np.stack([_starts(map(len, surfaces)), _starts(sum(map(len, each)) for each in points)], axis=1),
-    )
-
-
-def _cached_tree(parts: Sequence[PosedShape]) -> Trees:
-    """Return a tree of some parts.
-
-    The first part caches it, so that all scenes share it.
-    """
-    trees, key = parts[0].trees, tuple(parts)
-    if key not in trees:
-        rows, levers = zip(*(part.rows for part in parts), strict=True)
-        trees[key] = build_tree(np.concatenate(rows), np.concatenate(levers))
-    return trees[key]
-
-
-def _starts(counts: Iterable[int]) -> Ints:
-    """Return the start of each group, and the total."""
-    return np.cumsum([0, *counts], dtype=np.int64)
-
-
-def make_scene(
-    chain: Chain,
-    solids: Sequence[Solid],
-    pairs: Sequence[tuple[int, int]],
-    margin: float = 0.0,
-) -> Scene:
-    """Return a scene of the outer shapes.
-
-    Solids of a pair, given by their indices, may not touch.
-    """
-    made = pack_solids(solids, 0)
-    max_coordinate = _max_coordinate(chain, made)
-    return Scene(
-        chain,
-        made,
-        np.array(pairs, dtype=np.int64).reshape(-1, 2),
-        max_coordinate,
-        margin + 2.0 * DISTANCE_ROUNDING * max_coordinate,
-    )
-
-
-def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
-    """Return the scene with inner shapes, which prove collisions.
-
-    Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as much again for the
-    rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
-    """
-    made = pack_solids(solids, 1, scene.solids)
-    max_coordinate = _max_coordinate(scene.chain, made)
-    return Scene(scene.chain, made, scene.pairs, max_coordinate, 4.0 * DISTANCE_ROUNDING * max_coordinate)
-
-
-def _max_coordinate(chain: Chain, solids: Solids) -> float:
-    """Return the largest coordinate at any configuration, metres."""
-    roots = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
-    return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())
 
 
 # ---- obstacles -------------------------------------------------------------------------------------------------------

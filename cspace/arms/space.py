@@ -4,42 +4,26 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from itertools import combinations
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
-import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import FIXED, body_poses
-from cspace.arms.hulls import node_corners
-from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, always_touch, draw_configurations, sort_pair
-from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free, pair_distances
-from cspace.arms.solids import (
-    PosedShape,
-    Solid,
-    StaticShape,
-    check_rigid,
-    make_inner_scene,
-    make_scene,
-    named_obstacles,
-    place_obstacle,
-)
+from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
+from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free
+from cspace.arms.snapshots import MIN_MOTIONS_PER_THREAD, Contact, Snapshot, make_snapshot
+from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_obstacle
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace.check import check_count, check_not_negative, check_pairs, check_positive, check_rng
+from cspace.check import check_count, check_known, check_not_negative, check_pairs, check_positive, check_rng
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.batches import Query, as_contiguous
 from cspace.rotations.base import TWO_PI, beside
-from cspace.shapes import ShapeLike
+from cspace.shapes import ShapeLike, as_shape
 from cspace.shown import ArmPlot
 from cspace.threads import in_chunks
 from cspace.workspace import Workspace
-
-MIN_MOTIONS_PER_THREAD: Final = 20
-"""Motions per thread below which a further thread costs more time than it saves."""
-
 
 MAX_DOUBLED_JOINTS: Final = 8
 """Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go the shorter way."""
@@ -57,41 +41,6 @@ _HALF_TURN_ROUNDING: Final = 1e-9
 """Rounding error, radians, by which a joint may exceed half a turn."""
 
 
-class Contact(NamedTuple):
-    """The two solids that are nearest to touching.
-
-    Attributes
-    ----------
-    link, other : str
-        A link, and the obstacle or link that it may not touch.
-    distance : float
-        Lower bound of the distance between them, metres; zero if the configuration is not proven free.
-    points : ndarray of float64, shape (2, 3)
-        Nearest points of link and other, in the frame of the base, metres, within rounding.
-    """
-
-    link: str
-    other: str
-    distance: float
-    points: Floats
-
-
-class Group(NamedTuple):
-    """Links or obstacles that have the same allowed collisions.
-
-    Links of a group belong to one rigid body.
-    """
-
-    members: list[Solid]
-    is_obstacle: bool
-
-    @property
-    def solid(self) -> Solid:
-        """Union of the members, named after all of them."""
-        parts = tuple(part for member in self.members for part in member.parts)
-        return Solid(", ".join(member.name for member in self.members), self.members[0].body, parts)
-
-
 class ArmSpace(ConfigurationSpace, ArmPlot):
     """Configurations of an arm among obstacles.
 
@@ -104,82 +53,54 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     differently. States and proofs hold for the configuration as given. Paths stay within the limits: :meth:`find_path`
     and :func:`planners.plan` move a start or goal onto a limit that it exceeds.
 
-    Attributes
-    ----------
-    arm : Arm
-    obstacles : dict of str to PosedShape
-    margin : float
-        Metres by which FREE keeps links away from obstacles and from each other.
+    The scene may change: :meth:`add_obstacle`, :meth:`remove_obstacle`, :meth:`attach`, :meth:`detach`,
+    :meth:`set_padding`, :meth:`allow_collisions` and :meth:`forbid_collisions` make the space equal to a new one,
+    without building it again. A query of another thread sees the scene before a change or after it, never a mixture.
+    Checkers follow the changes. ``copy.copy(space)``, as quick as a query, does not: plan in a copy if other threads
+    change the scene. Maps of joints (:func:`cspace.build_joint_map`) are not updated; build them again.
     """
 
-    def __init__(
-        self, arm: Arm, obstacles: Mapping[str, PosedShape], allowed: Iterable[tuple[str, str]], margin: float
-    ) -> None:
-        self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
-        may_touch = arm.allowed_collisions.keys() | {sort_pair(*pair) for pair in allowed}
-        sizes = [np.subtract(*part.shape.outer.bounds) for link in arm.links for part in link.parts]
-        reach = max(float(np.linalg.norm(size)) for size in sizes)
-        placed = [Solid(name, 0, (StaticShape(each.shape, each.pose, reach),)) for name, each in obstacles.items()]
-        self._groups = _group_solids(arm.links, placed, may_touch)
-        solids = [group.solid for group in self._groups]
-        pairs, fixed = [], []
-        for (i, one), (j, other) in combinations(enumerate(self._groups), 2):
-            if sort_pair(one.members[0].name, other.members[0].name) not in may_touch:
-                if one.solid.body != other.solid.body:
-                    pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
-                elif one.is_obstacle != other.is_obstacle:
-                    fixed.append((i, j))
-        # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
-        pairs.sort(key=lambda pair: (solids[pair[1]].body != 0, -solids[pair[0]].body))
-        # The outer scene proves FREE by outer shapes; the inner scene proves BLOCKED by inner shapes.
-        self._outer_scene = make_scene(arm.chain, solids, pairs, margin)
-        self._inner_scene = make_inner_scene(self._outer_scene, solids)
-        for pair in fixed:
-            self._refuse_fixed(np.array([pair]))
-        self._refuse_always()
+    def __init__(self, snapshot: Snapshot, base: Floats) -> None:
+        self._snapshot, self._base, self._lock = snapshot, base, threading.Lock()
 
-    def _refuse_fixed(self, pair: Ints) -> None:
-        """Raise ConfigurationError if a fixed link touches an obstacle.
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the lock."""
+        return {name: value for name, value in self.__dict__.items() if name != "_lock"}
 
-        No joint moves either solid of `pair`, two indices of groups, shape (1, 2).
-        """
-        scene, q = self._outer_scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
-        if not are_free(scene, q, q)[0]:
-            link, obstacle, *_ = self._contact(scene, q)
-            raise ConfigurationError(
-                link,
-                f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
-                "no joint moves it",
-                f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})]",
-            )
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the space, with a lock of its own."""
+        self.__dict__ |= state
+        self._lock = threading.Lock()
 
-    def _refuse_always(self) -> None:
-        """Raise ConfigurationError if a pair always touches.
+    @property
+    def arm(self) -> Arm:
+        """The arm, with all objects that are attached to it."""
+        return self._snapshot.arm
 
-        It tests pairs that at most two joints move, in :data:`CONTACT_SAMPLES` random configurations.
-        """
-        chain, bodies = self.arm.chain, self._outer_scene.solids.bodies
-        between = chain.between[tuple(bodies[self._outer_scene.pairs].T)] & (chain.kinds != FIXED)
-        moved_by_few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
-        for link, other in self._always_touch(self._outer_scene.pairs[moved_by_few]):
-            raise ConfigurationError(
-                link,
-                f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random configurations",
-                "they may not touch, so no configuration would be free",
-                f"correct the robot or its SRDF, move the obstacle, or pass allowed_collisions=[({link!r}, {other!r})]",
-            )
+    @property
+    def obstacles(self) -> dict[str, PosedShape]:
+        """The obstacles in the frame of the arm's base; a copy."""
+        return {name: placed for name, placed in self._snapshot.obstacles.items() if placed is not None}
 
-    def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
-        """Yield the pairs that touch in all random configurations.
+    @property
+    def margin(self) -> float:
+        """Metres by which FREE keeps links away from obstacles and from each other."""
+        return self._snapshot.margin
 
-        `pairs` has shape (n, 2): indices of groups.
-        """
-        scene, points = (
-            self._outer_scene._replace(pairs=pairs),
-            draw_configurations(self.arm._ranges(), CONTACT_SAMPLES),
-        )
-        for pair in pairs[always_touch(scene, points)]:
-            yield self._contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
+    @property
+    def padding(self) -> dict[str, float]:
+        """Metres that links, attached objects and obstacles add to the margin; a copy. See :meth:`set_padding`."""
+        return dict(self._snapshot.padding)
+
+    @property
+    def allowed_collisions(self) -> list[tuple[str, str]]:
+        """Pairs that may touch, in addition to :attr:`Arm.allowed_collisions`."""
+        return sorted(self._snapshot.allowed)
+
+    @property
+    def _outer_scene(self) -> Scene:
+        """The current scene that proves FREE."""
+        return self._snapshot.outer
 
     def __repr__(self) -> str:
         """Return the arm and the number of joints and obstacles."""
@@ -204,6 +125,276 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
 
+    # ---- changes of the scene ----------------------------------------------------------------------------------------
+
+    def add_obstacle(
+        self,
+        name: str,
+        shape: Workspace | PosedShape | ShapeLike,
+        pose: ArrayLike | None = None,
+        *,
+        radius: ArrayLike | None = None,
+        padding: float | None = None,
+        touch_links: str | Iterable[str] = (),
+    ) -> None:
+        """Add a named obstacle, or replace the one of the same name.
+
+        Its cost is that of the obstacle alone. A shape that is replaced keeps its padding and the links that may touch
+        it.
+
+        Parameters
+        ----------
+        name : str
+            A name that no link and no attached object has.
+        shape : Workspace, PosedShape or shape
+            As for :func:`cspace.build_arm_space`; or points, shape (n, 3), with their radius, such as a point cloud.
+        pose : array-like, shape (4, 4), optional
+            From the frame of the shape to that of the obstacles; the identity by default.
+        radius : array-like, shape () or (n,), optional
+            Radius of the balls around points, metres, zero or above.
+        padding : float, optional
+            Metres added to the margin; see :meth:`set_padding`.
+        touch_links : str or iterable of str
+            Links and attached objects that may touch it.
+
+        Raises
+        ------
+        InputError
+            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`;
+            nothing changes then.
+        ConfigurationError
+            If no configuration would be free, as for :func:`cspace.build_arm_space`; nothing changes then.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, cspace
+        >>> bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+        >>> ends = '<parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>'
+        >>> joint = f'<joint name="turn" type="continuous">{ends}</joint>'
+        >>> path = pathlib.Path(tempfile.mkdtemp(), "one.urdf")
+        >>> links = f'<link name="base"/><link name="bar">{bar}</link>'
+        >>> _ = path.write_text(f'<robot name="one">{links}{joint}</robot>')
+        >>> space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
+        >>> space.add_obstacle("post", cspace.Robot.box((0.1, 0.1, 1.0), center=(0.8, 0.0, 0.0)))
+        >>> space.add_obstacle("cloud", [(0.0, 0.6, 0.0), (0.0, 0.7, 0.1)], radius=0.01)
+        >>> space.is_free([(0.0,), (1.5708,), (3.0,)])
+        array([False, False,  True])
+        >>> space.remove_obstacle("post")
+        >>> space.is_free((0.0,))
+        True
+        """
+        if not isinstance(name, str) or not name:
+            raise InputError("name", f"is {name!r}", "it must be a non-empty string", "pass e.g. 'table'", value=name)
+        at = self._base if pose is None else self._base @ check_rigid(pose, "pose")
+        if isinstance(shape, Workspace | PosedShape):
+            if radius is not None:
+                problem, rule = f"is given with a {type(shape).__name__}", "only points have a radius"
+                raise InputError("radius", problem, rule, "leave it out", value=radius)
+            placed = place_obstacle(shape, name, at)
+        else:
+            placed = place_obstacle(PosedShape(as_shape(shape, radius, "shape"), np.eye(4)), name, at)
+        extra = None if padding is None else check_not_negative(padding, "padding")
+        with self._lock:
+            now = self._snapshot
+            links = {link.name for link in now.arm.links}
+            if name in links:
+                hint = "choose another name, or detach it first" if name in now.arm._carriers else "choose another name"
+                raise InputError("name", f"is {name!r}", "a link or an attached object has it", hint, value=name)
+            pairs = _pair_with_links(name, touch_links, links)
+            self._replace(
+                now, {**now.obstacles, name: placed}, pairs | now.allowed, _set_entry(now.padding, name, extra)
+            )
+
+    def remove_obstacle(self, name: str) -> None:
+        """Remove a named obstacle, with its padding and the pairs that may touch it.
+
+        Raises
+        ------
+        InputError
+            If no obstacle has the name; nothing changes then.
+        """
+        with self._lock:
+            now = self._snapshot
+            check_known(name, "name", now.obstacles)
+            left = {each: placed for each, placed in now.obstacles.items() if each != name}
+            self._replace(now, left, _without(now.allowed, name), _set_entry(now.padding, name, 0.0))
+
+    def attach(
+        self,
+        name: str,
+        shape: ShapeLike | None = None,
+        link: str | None = None,
+        pose: ArrayLike | None = None,
+        touch_links: str | Iterable[str] = (),
+        *,
+        q: ArrayLike | None = None,
+        padding: float | None = None,
+    ) -> None:
+        """Attach an object to a link: a new one, or an obstacle that the arm picks up.
+
+        An obstacle keeps its padding and the pairs that may touch. For instance, a box that is picked up from a table
+        needs ``allow_collisions([("box", "table")])``.
+
+        Parameters
+        ----------
+        name : str
+            Name of the object: that of an obstacle, if no shape is given.
+        shape : shape, optional
+            As for :meth:`Arm.attach`. By default the obstacle of that name, which is removed.
+        link, pose, touch_links
+            As for :meth:`Arm.attach`; an obstacle has no ``pose``.
+        q : array-like, shape (dof,), optional
+            Configuration at which the arm picks up an obstacle.
+        padding : float, optional
+            Metres added to the margin; see :meth:`set_padding`.
+
+        Raises
+        ------
+        InputError
+            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, or no obstacle has the name.
+            Nothing changes then.
+        ConfigurationError
+            If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
+        """
+        extra = None if padding is None else check_not_negative(padding, "padding")
+        with self._lock:
+            now = self._snapshot
+            left, carrier = dict(now.obstacles), check_known(link, "link", now.arm.frames)
+            if shape is None:
+                filled = {each: placed for each, placed in left.items() if placed is not None}
+                placed = filled[check_known(name, "name", filled)]
+                del left[name]
+                point = self._check_configuration(q, "q", "it says where the obstacle is on the link")
+                if pose is not None:
+                    rule, hint = "the obstacle is where it is", "leave it out, or pass a shape"
+                    raise InputError("pose", "is given for an obstacle", rule, hint, value=pose)
+                shape, pose = placed.shape, np.linalg.inv(now.arm.pose(point, carrier)) @ placed.pose
+            elif q is not None:
+                rule, hint = "only obstacles are picked up at a configuration", "leave it out, or leave out the shape"
+                raise InputError("q", "is given for a new object", rule, hint, value=q)
+            elif name in left:
+                rule, hint = "an obstacle has it", "leave out the shape to attach the obstacle, or choose another name"
+                raise InputError("name", f"is {name!r}", rule, hint, value=name)
+            arm = now.arm.attach(name, shape, carrier, pose, touch_links)
+            self._replace(now, left, now.allowed, _set_entry(now.padding, name, extra), arm)
+
+    def detach(self, name: str, q: ArrayLike | None = None, *, touch_links: str | Iterable[str] = ()) -> None:
+        """Detach an object: take it away, or place it as an obstacle.
+
+        Parameters
+        ----------
+        name : str
+            An attached object.
+        q : array-like, shape (dof,), optional
+            Configuration at which the object stays as an obstacle of the same name, with its padding and the pairs of
+            :attr:`allowed_collisions`. By default it is taken away, with both.
+        touch_links : str or iterable of str
+            Links that may touch the obstacle, such as the fingers that let it go.
+
+        Raises
+        ------
+        InputError
+            If no attached object has the name, another one is attached to it, or a link is unknown; nothing changes
+            then.
+        ConfigurationError
+            If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
+        """
+        with self._lock:
+            now = self._snapshot
+            arm, obstacles = now.arm.detach(name), dict(now.obstacles)
+            if q is None:
+                if touch_links:
+                    rule, hint = "they are those of the obstacle", "pass q, or leave them out"
+                    raise InputError("touch_links", "are given without q", rule, hint, value=touch_links)
+                allowed, padding = _without(now.allowed, name), _set_entry(now.padding, name, 0.0)
+                self._replace(now, obstacles, allowed, padding, arm)
+            else:
+                (part,) = next(link.parts for link in now.arm.links if link.name == name)
+                pose = now.arm.pose(self._check_configuration(q, "q", "it says where the object is"), name)
+                obstacles[name] = place_obstacle(PosedShape(part.shape, pose), name, np.eye(4))
+                pairs = _pair_with_links(name, touch_links, [link.name for link in arm.links])
+                self._replace(now, obstacles, now.allowed | pairs, now.padding, arm)
+
+    def set_padding(self, name: str, padding: float) -> None:
+        """Set the padding of a link, an attached object or an obstacle.
+
+        A link and an obstacle are FREE of each other if they are farther apart than :attr:`margin` and the padding of
+        both. Links have no padding against each other.
+
+        Parameters
+        ----------
+        name : str
+        padding : float
+            Metres, zero or above; zero by default.
+
+        Raises
+        ------
+        InputError
+            If the name is unknown, or the padding is negative; nothing changes then.
+        ConfigurationError
+            If no configuration would be free; nothing changes then.
+        """
+        extra = check_not_negative(padding, "padding")
+        with self._lock:
+            now = self._snapshot
+            check_known(name, "name", now.names)
+            self._replace(now, now.obstacles, now.allowed, _set_entry(now.padding, name, extra))
+
+    def allow_collisions(self, pairs: Iterable[tuple[str, str]]) -> None:
+        """Let pairs of links, attached objects and obstacles touch.
+
+        A pair of two obstacles matters once one of them is attached.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown; nothing changes then.
+        """
+        with self._lock:
+            now = self._snapshot
+            self._replace(now, now.obstacles, now.allowed | _check_allowed(pairs, "pairs", now.names), now.padding)
+
+    def forbid_collisions(self, pairs: Iterable[tuple[str, str]]) -> None:
+        """Take back pairs of :attr:`allowed_collisions`.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, or a pair is not one of these; nothing changes then.
+        ConfigurationError
+            If no configuration would be free; nothing changes then.
+        """
+        with self._lock:
+            now = self._snapshot
+            given = _check_allowed(pairs, "pairs", now.names)
+            for pair in sorted(given - now.allowed):
+                listed = ", ".join(map(str, sorted(now.allowed)))
+                rule = f"the allowed pairs are {listed}" if listed else "no pairs are allowed"
+                raise InputError("pairs", f"hold {pair}", rule, "see space.allowed_collisions", value=pair)
+            self._replace(now, now.obstacles, now.allowed - given, now.padding)
+
+    def _replace(
+        self,
+        now: Snapshot,
+        obstacles: Mapping[str, PosedShape | None],
+        allowed: Collection[Names],
+        padding: Mapping[str, float],
+        arm: Arm | None = None,
+    ) -> None:
+        """Replace the snapshot; readers see the old one or the new one, because one assignment replaces it."""
+        self._snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
+
+    def _check_configuration(self, q: ArrayLike | None, name: str, rule: str) -> Floats:
+        """Return one configuration."""
+        if q is None:
+            raise InputError(name, "is missing", rule, f"pass ({', '.join(self.axes)})", value=q)
+        point = self._check_configurations(q, name)
+        if point.ndim != 1:
+            raise InputError(name, f"has shape {point.shape}", "it must be one configuration", "pass one", value=q)
+        return point
+
+    # ---- queries -----------------------------------------------------------------------------------------------------
+
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``is_free`` that takes floats.
 
@@ -217,16 +408,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         Call it as ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`. Beyond the limits it returns False.
         """
-        scene, size, local = self._outer_scene, self.size, threading.local()
+        size, local = self.size, threading.local()
         lower, upper = ((self.arm.lower - LIMIT_SLACK).tolist() * 2, (self.arm.upper + LIMIT_SLACK).tolist() * 2)
 
         def check(*endpoints: float) -> bool:
             if not all(low <= x <= high for low, x, high in zip(lower, endpoints, upper, strict=True)):
                 return False
-            try:
-                scratch, out = local.scratch
-            except AttributeError:  # the first call of a thread
-                scratch, out = local.scratch = make_scene_scratch(scene), np.empty(1, dtype=np.bool_)
+            scene = self._snapshot.outer
+            if getattr(local, "scene", None) is not scene:  # the first call of a thread, or after a change
+                local.scene, local.scratch, local.out = scene, make_scene_scratch(scene), np.empty(1, dtype=np.bool_)
+            scratch, out = local.scratch, local.out
             rows = np.array(endpoints).reshape(2, 1, size)
             motions_are_free(scene, rows[0], rows[1], out, scratch)
             return bool(out[0])
@@ -253,7 +444,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             As :meth:`is_free`.
         """
         points = self._check_configurations(q, "q")
-        out, _ = self._distances(self._outer_scene, points.reshape(-1, self.arm.dof))
+        out, _ = self._snapshot.distances(points.reshape(-1, self.size))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
@@ -273,15 +464,15 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         path = self._check_configurations(path, "path").reshape(-1, self.size)
         self._check_spans(path[:-1], path[1:])
-        midpoints = 0.5 * (path[:-1] + path[1:])
-        limit = float(np.min(self.obstacle_distance(np.concatenate([path, midpoints]))))
+        midpoints, snapshot = 0.5 * (path[:-1] + path[1:]), self._snapshot
+        limit = float(snapshot.distances(np.concatenate([path, midpoints]))[0].min())
         if len(path) < 2 or math.isinf(limit) or limit == 0.0:
             return limit
         for share in _DISTANCE_SHARES:
-            extra = share * (limit - self.margin)
-            wider = self._outer_scene._replace(required=self._outer_scene.required + extra)
+            extra = share * (limit - snapshot.margin)
+            wider = snapshot.outer._replace(padding=np.maximum(snapshot.outer.padding, extra))
             if are_free(wider, as_contiguous(path[:-1]), as_contiguous(path[1:])).all():
-                return self.margin + extra
+                return snapshot.margin + extra
         return 0.0
 
     def closest(self, q: ArrayLike) -> Contact:
@@ -294,47 +485,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point = self._check_configurations(q, "q")
-        if point.ndim != 1:
-            raise InputError("q", f"has shape {point.shape}", "it must be one configuration", "pass one", value=q)
-        if not len(self._outer_scene.pairs):
+        point, snapshot = self._check_configuration(q, "q", "it must be one configuration"), self._snapshot
+        if not len(snapshot.outer.pairs):
             raise InputError("obstacles", "are none", "there is nothing to touch", "add an obstacle")
-        return self._contact(self._outer_scene, point[np.newaxis])
-
-    def _contact(self, scene: Scene, points: Floats) -> Contact:
-        """Return the pair nearest to touching.
-
-        ``points`` is one configuration, shape (1, dof).
-        """
-        distances, nearest = self._distances(scene, points)
-        solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
-        # Each part of a solid is a tree of hulls; the part that has a node is the last one whose root is not above it.
-        part_names = [each.name for group in self._groups for each in group.members for _ in each.parts]
-        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
-        for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
-            node = max(nearest_node, int(solids.roots[number]))
-            names.append(part_names[int(np.where(solids.part_roots <= node, solids.part_roots, -1).argmax())])
-            corners, radius = node_corners(solids.hulls, node)
-            pose = poses[solids.bodies[number]]
-            hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
-            radii.append([radius])
-        return Contact(names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
-
-    def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, Ints]:
-        """Return the smallest distance at each configuration, and its pair.
-
-        ``points`` has shape (n, dof). The distances, shape (n,), are in metres, zero if not proven positive. The second
-        array, shape (n, 3), has the index of the pair of solids and the nearest node of the hull tree of each.
-        """
-        rows = as_contiguous(points)
-        out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
-
-        def measure(first: int, stop: int) -> int:
-            pair_distances(scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene))
-            return -1
-
-        in_chunks(measure, len(rows), MIN_MOTIONS_PER_THREAD)
-        return np.where(out > 0.0, out + self.margin, 0.0), nearest
+        return snapshot.contact(snapshot.outer, point[np.newaxis])
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
         """Sample free configurations uniformly within the joint limits.
@@ -360,16 +514,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
         count = 1 if n is None else check_count(n, "n")
-        generator, ranges = check_rng(rng), self.arm._ranges()
-        batches, tried = [np.empty((0, self.arm.dof))], 0
+        generator, snapshot = check_rng(rng), self._snapshot
+        batches, tried, ranges = [np.empty((0, self.size))], 0, snapshot.arm._ranges()
         while (count_drawn := sum(map(len, batches))) < count:
-            points = generator.uniform(*ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.arm.dof))
-            batches.append(points[np.asarray(self.is_free(points))])
+            points = generator.uniform(*ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.size))
+            batches.append(points[_prove_all(snapshot.outer, points)])
             tried += len(points)
             if tried >= _MAX_FAILED_SAMPLES and not count_drawn:
-                always = [f"{link} touches {other}" for link, other in self._always_touch(self._outer_scene.pairs)]
+                always = [f"{link} touches {other}" for link, other in snapshot.always_touching(snapshot.outer)]
                 raise ConfigurationError(
-                    self.arm.name,
+                    snapshot.arm.name,
                     f"was free in none of {tried} configurations",
                     f"in each of {CONTACT_SAMPLES} of them {', '.join(always)}"
                     if always
@@ -438,16 +592,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
-        start, goals = self.arm._clamp(start), self.arm._clamp(goals)
+        snapshot = self._snapshot
+        start, goals = snapshot.arm._clamp(start), snapshot.arm._clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
-        free = are_free(self._outer_scene, endpoints, endpoints)  # of motions that stay at a configuration
+        free = are_free(snapshot.outer, endpoints, endpoints)  # of motions that stay at a configuration
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
-                raise collision_error(self, q, name)
+                raise _collision_error(snapshot, q, name)
         images, rng = images[free[1:]], np.random.default_rng(seed)
-        ranges = self.arm._ranges(np.vstack([start, images]))
-        search = PathSearch(self._outer_scene, ranges, start, images, self._spans, rng, seconds)
+        ranges = snapshot.arm._ranges(np.vstack([start, images]))
+        search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
         path = search.find(straight)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
 
@@ -530,18 +685,18 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _classify(self) -> Query:
         """Return the query that writes the state of each configuration."""
+        snapshot = self._snapshot
 
         def query(parts: Sequence[Any], out: States) -> int:
             # BLOCKED is sought only where FREE is not proven.
             (rows,) = self._rows(parts, ("q",))
-            free = np.empty(len(out), dtype=np.bool_)
-            self._prove([rows], free)
+            free = _prove_all(snapshot.outer, rows)
             out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
             undecided = np.flatnonzero(~free)
 
             def find_blocked(first: int, stop: int) -> int:
                 blocked, chunk = np.empty(stop - first, dtype=np.bool_), undecided[first:stop]
-                are_blocked(self._inner_scene, rows[chunk], blocked, make_scene_scratch(self._inner_scene))
+                are_blocked(snapshot.inner, rows[chunk], blocked, make_scene_scratch(snapshot.inner))
                 out[chunk[blocked]] = BLOCKED
                 return -1
 
@@ -551,24 +706,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _frees(self, exact: bool) -> Query:
         """Return the query that proves configurations free."""
-        return lambda parts, out: self._prove(self._rows(parts, ("q",)), out)
+        scene = self._snapshot.outer
+        return lambda parts, out: _prove(scene, self._rows(parts, ("q",)), out)
 
     def _edges(self, number: int, exact: bool) -> Query:
         """Return the query that proves motions free."""
-        return lambda parts, out: self._prove(self._rows(parts, ("q0", "q1")), out)
-
-    def _prove(self, rows: Sequence[Floats], out: Bools) -> int:
-        """Write whether each motion is proven free.
-
-        Motions lead from the first batch to the last. ``rows`` has one batch, for motions that stay in place, or two;
-        each has shape (n, dof), and ``out`` shape (n,). Returns -1.
-        """
-
-        def prove(first: int, stop: int) -> int:
-            out[first:stop] = are_free(self._outer_scene, rows[0][first:stop], rows[-1][first:stop])
-            return -1
-
-        return in_chunks(prove, len(out), MIN_MOTIONS_PER_THREAD)
+        scene = self._snapshot.outer
+        return lambda parts, out: _prove(scene, self._rows(parts, ("q0", "q1")), out)
 
     def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
         """Check batches of configurations, and return them as contiguous arrays.
@@ -587,12 +731,38 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return points
 
 
+def _prove(scene: Scene, rows: Sequence[Floats], out: Bools) -> int:
+    """Write whether each motion is proven free.
+
+    Motions lead from the first batch to the last. ``rows`` has one batch, for motions that stay in place, or two; each
+    has shape (n, dof), and ``out`` shape (n,). Returns -1.
+    """
+
+    def prove(first: int, stop: int) -> int:
+        out[first:stop] = are_free(scene, rows[0][first:stop], rows[-1][first:stop])
+        return -1
+
+    return in_chunks(prove, len(out), MIN_MOTIONS_PER_THREAD)
+
+
+def _prove_all(scene: Scene, points: Floats) -> Bools:
+    """Return whether each configuration, shape (n, dof), is proven free."""
+    free = np.empty(len(points), dtype=np.bool_)
+    _prove(scene, [as_contiguous(points)], free)
+    return free
+
+
 def collision_error(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
     """Return the error for a start or goal in collision.
 
     ``q`` has shape (dof,); `name` is the argument. The message names the link and the obstacle that touch.
     """
-    link, other, *_ = space.closest(q)
+    return _collision_error(space._snapshot, q, name)
+
+
+def _collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:
+    """Return :func:`collision_error` in a snapshot."""
+    link, other, *_ = snapshot.contact(snapshot.outer, q[np.newaxis])
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
@@ -605,9 +775,12 @@ def build_arm_space(
     *,
     allowed_collisions: Iterable[tuple[str, str]] = (),
     margin: float = 0.0,
+    padding: Mapping[str, float] | None = None,
     base_pose: ArrayLike | None = None,
 ) -> ArmSpace:
     """Build the space of an arm among obstacles.
+
+    Its obstacles can change later; see :class:`ArmSpace`.
 
     Parameters
     ----------
@@ -621,6 +794,8 @@ def build_arm_space(
         A link, and an obstacle or link that it may touch, in addition to :attr:`Arm.allowed_collisions`.
     margin : float
         Metres by which FREE stays clear.
+    padding : mapping of str to float, optional
+        Metres, by link or obstacle, that are added to the margin between links and obstacles.
     base_pose : array-like, shape (4, 4), optional
         Pose of the arm's base in the frame of the obstacles; the identity by default.
 
@@ -639,50 +814,42 @@ def build_arm_space(
         if name in links:
             problem = f"name one {name!r}"
             raise InputError("obstacles", problem, "a link has that name", "choose another name", value=name)
-    pairs = list(allowed_collisions)
-    for pair in pairs:
-        for name in pair:
-            if name not in links and name not in named:
-                rule = f"there are {', '.join((*links, *named))}"
-                raise InputError("allowed_collisions", f"names {name!r}", rule, "name two of these", value=name)
-    min_distance = check_not_negative(margin, "margin")
+    known = (*links, *named)
+    pairs = _check_allowed(allowed_collisions, "allowed_collisions", known)
+    min_distance, extra = check_not_negative(margin, "margin"), dict[str, float]()
+    for name, metres in ({} if padding is None else padding).items():
+        extra[check_known(name, "padding", known, "names")] = check_not_negative(metres, f"padding of {name}")
     base = np.linalg.inv(np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
-    return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, min_distance)
+    return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)
 
 
-def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:
-    """Group links and obstacles by their allowed collisions.
-
-    Links of a group belong to one body. Members of a group have the same partners in ``may_touch``, so that one test
-    proves all of them apart from another group.
-    """
-    partners: dict[str, set[str]] = {}
-    for one, other in may_touch:
-        partners.setdefault(one, set()).add(other)
-        partners.setdefault(other, set()).add(one)
-    groups: dict[tuple[int, frozenset[str]], list[Solid]] = {}
-    for link in links:
-        same_body = {each.name for each in links if each.body == link.body}
-        key = link.body, frozenset(partners.get(link.name, set()) - same_body)
-        groups.setdefault(key, []).append(link)
-    for obstacle in obstacles:
-        groups.setdefault((-1, frozenset(partners.get(obstacle.name, ()))), []).append(obstacle)
-    return [Group(each, body < 0) for (body, _), each in groups.items()]
+def _check_allowed(pairs: Iterable[tuple[str, str]], argument: str, known: Collection[str]) -> set[Names]:
+    """Return alphabetical pairs of known names; raise InputError if they are none."""
+    try:
+        found = [(one, other) for one, other in pairs]
+    except (TypeError, ValueError) as error:
+        rule, hint = "it must hold pairs of names", "pass e.g. [('hand', 'table')]"
+        raise InputError(argument, f"is {pairs!r}", rule, hint, value=pairs) from error
+    return {sort_pair(*(check_known(name, argument, known, "names") for name in pair)) for pair in found}
 
 
-def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Floats:
-    """Return the nearest points of two convex hulls.
+def _pair_with_links(name: str, links: str | Iterable[str], known: Collection[str]) -> set[Names]:
+    """Return alphabetical pairs of a name and known links."""
+    try:
+        given = [links] if isinstance(links, str) else list(links)
+    except TypeError as error:
+        rule, hint = "it must be names of links", "pass a list of strings"
+        raise InputError("touch_links", f"is {links!r}", rule, hint, value=links) from error
+    return {sort_pair(name, check_known(link, "touch_links", known, "names")) for link in given}
 
-    The result has shape (2, 3). The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a
-    radius; ``radii`` has shape (2, 1); all in metres. The nearest points follow from the point nearest to zero in the
-    hull of all differences (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
-    """
-    differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
-    weights, _ = scipy.optimize.nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
-    shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
-    points = np.stack([shares.sum(axis=1) @ points_a, shares.sum(axis=0) @ points_b])
-    offset = points[1] - points[0]
-    return np.asarray(
-        points + np.multiply(radii, [[1.0], [-1.0]]) * offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
-    )
+
+def _without(pairs: Iterable[Names], name: str) -> set[Names]:
+    """Return the pairs that do not have a name."""
+    return {pair for pair in pairs if name not in pair}
+
+
+def _set_entry(padding: Mapping[str, float], name: str, metres: float | None) -> dict[str, float]:
+    """Return the padding with that of a name changed, unless it is None; zero is left out."""
+    changed = dict(padding) if metres is None else {**padding, name: metres}
+    return {each: value for each, value in changed.items() if value}

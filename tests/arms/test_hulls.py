@@ -11,7 +11,9 @@ from numba import njit
 from cspace import Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import Chain, motion_bounds
-from cspace.arms.hulls import MAX_TRIANGLES_PER_TILE, build_forest, node_corners
+from cspace.arms.hulls import MAX_TRIANGLES_PER_TILE, node_corners
+from cspace.arms.scenes import make_scene
+from cspace.arms.solids import Solid
 from cspace.shapes import Mesh, Shape
 from tests.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
@@ -64,18 +66,31 @@ def test_nodes_contain_their_descendants(name: str) -> None:
         assert len(below) <= MAX_TRIANGLES_PER_TILE or len(hull) < 400
 
 
-def test_build_forest_contains_all_parts() -> None:
-    parts = [PosedShape(SHAPES[name](), POSE).bounds_pair[0].hulls for name in ("ring", "box", "ball")]
-    hulls, roots, trunks = build_forest([parts[:2], [], parts[2:]])
-    assert roots[1] == -1
-    for part, trunk in zip(parts, trunks.tolist(), strict=True):
-        size = len(part.nodes)
-        np.testing.assert_array_equal(hulls.boxes[trunk : trunk + size], part.boxes)
+def test_hulls_of_solids_contain_all_parts() -> None:
+    parts = [PosedShape(SHAPES[name](), POSE) for name in ("ring", "box", "ball", "globe")]
+    solids = [Solid("several", 0, tuple(parts[:3])), Solid("one", 0, tuple(parts[3:]))]
+    packed = make_scene(Chain(*[np.zeros((1, 1))] * 9), solids, []).solids  # type: ignore[arg-type]
+    hulls, roots = packed.hulls, packed.roots
+    for part, trunk in zip(parts, packed.part_roots.tolist(), strict=True):
+        own = part.bounds_pair[0].hulls
+        size = len(own.nodes)
+        np.testing.assert_array_equal(hulls.boxes[trunk : trunk + size], own.boxes)
         for node in range(0, size, 7):
-            np.testing.assert_array_equal(node_corners(hulls, trunk + node)[0], node_corners(part, node)[0])
-    above = hulls.boxes[roots[0]]
-    for part in parts[:2]:
-        assert (np.abs(part.boxes[0, :3] - above[:3]) + part.boxes[0, 3:6] <= above[3:6] + 1e-12).all()
+            np.testing.assert_array_equal(node_corners(hulls, trunk + node)[0], node_corners(own, node)[0])
+    assert roots[1] == packed.part_roots[3]
+    found, pending = set(), [int(roots[0])]
+    while pending:
+        node = pending.pop()
+        second, *_, first = hulls.nodes[node].tolist()
+        if node in packed.part_roots:
+            found.add(node)
+            continue
+        for child in (first, second):
+            inside, above = hulls.boxes[child], hulls.boxes[node]
+            assert (np.abs(inside[:3] - above[:3]) + inside[3:6] <= above[3:6] + 1e-12).all()
+            assert np.linalg.norm(above[3:6]) <= above[6] + 1e-12
+            pending.append(child)
+    assert found == set(packed.part_roots[:3].tolist())
 
 
 @njit

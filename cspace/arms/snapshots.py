@@ -1,0 +1,347 @@
+"""Snapshots of an arm among obstacles, which never change; a living :class:`cspace.ArmSpace` replaces its own."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import scipy  # its parts are read when they are first used
+from numpy.typing import ArrayLike
+
+from cspace.arms.chain import FIXED, body_poses
+from cspace.arms.hulls import node_corners
+from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, draw_configurations, sort_pair
+from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
+from cspace.arms.scenes import PackedSolids, make_inner_scene, make_outer_scene, pack_solids
+from cspace.arms.solids import PosedShape, Solid, StaticShape
+from cspace.arrays import Bools, Floats, Ints
+from cspace.errors import ConfigurationError
+from cspace.map.batches import as_contiguous
+from cspace.threads import in_chunks
+
+MIN_MOTIONS_PER_THREAD: Final = 20
+"""Motions per thread below which a further thread costs more time than it saves."""
+
+
+class Contact(NamedTuple):
+    """The two solids that are nearest to touching.
+
+    Attributes
+    ----------
+    link, other : str
+        A link, and the obstacle or link that it may not touch.
+    distance : float
+        Lower bound of the distance between them, metres; zero if the configuration is not proven free.
+    points : ndarray of float64, shape (2, 3)
+        Nearest points of link and other, in the frame of the base, metres, within rounding.
+    """
+
+    link: str
+    other: str
+    distance: float
+    points: Floats
+
+
+class Group(NamedTuple):
+    """Links of one body, or obstacles, that may touch the same others and keep the same padding."""
+
+    solid: Solid
+    members: tuple[Solid, ...]
+    padding: float
+    is_obstacle: bool
+
+
+_GroupKey: TypeAlias = tuple[tuple[Solid, ...], float]
+"""Members and padding of a group."""
+
+
+class LinkGroups(NamedTuple):
+    """Groups of links, and the pairs of groups, by index, that may not touch."""
+
+    groups: tuple[Group, ...]
+    pairs: list[tuple[int, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """An arm among obstacles at one moment.
+
+    Attributes
+    ----------
+    arm : Arm
+    obstacles : mapping of str to PosedShape or None
+        Obstacles in the frame of the base; None for a workspace without occupied cells.
+    allowed : frozenset of pairs of str
+        Alphabetical pairs that may touch, in addition to :attr:`Arm.allowed_collisions`.
+    padding : mapping of str to float
+        Metres that links and obstacles add to the margin between links and obstacles; zero if missing.
+    margin : float
+        Metres by which FREE keeps links away from obstacles and from each other.
+    reach : float
+        Size of the largest part of a link, metres.
+    static : mapping of str to Solid
+        The obstacles as solids.
+    links : LinkGroups
+    groups : tuple of Group
+        Those of links, then those of obstacles.
+    packed : PackedSolids
+    outer : Scene
+        It proves FREE by outer shapes.
+    inner : Scene
+        It proves BLOCKED by inner shapes.
+    """
+
+    arm: Arm
+    obstacles: Mapping[str, PosedShape | None]
+    allowed: frozenset[Names]
+    padding: Mapping[str, float]
+    margin: float
+    reach: float
+    static: Mapping[str, Solid]
+    links: LinkGroups
+    groups: tuple[Group, ...]
+    packed: PackedSolids
+    outer: Scene
+    inner: Scene
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what the snapshot is made from."""
+        return make_snapshot, (self.arm, self.obstacles, self.allowed, self.padding, self.margin)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of links with geometry, attached objects and obstacles."""
+        return [*(link.name for link in self.arm.links), *self.obstacles]
+
+    def distances(self, points: Floats) -> tuple[Floats, Ints]:
+        """Return the smallest distance at each configuration, and its pair.
+
+        ``points`` has shape (n, dof). The distances, shape (n,), are in metres, zero if not proven positive. The second
+        array, shape (n, 3), has the index of the pair of solids and the nearest node of the hull tree of each.
+        """
+        return _measure_distances(self.outer, points, self.margin)
+
+    def contact(self, scene: Scene, points: Floats) -> Contact:
+        """Return the pair nearest to touching, in the outer scene or one with some of its pairs.
+
+        ``points`` is one configuration, shape (1, dof).
+        """
+        distances, nearest = _measure_distances(scene, points, self.margin)
+        solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
+        part_names = [each.name for group in self.groups for each in group.members for _ in each.parts]
+        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
+        for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
+            node = nearest_node if nearest_node >= 0 else int(solids.roots[number])
+            first, stop = solids.starts[number : number + 2, 2].tolist()
+            # The part that has a node is the one whose root is the last not beyond it.
+            roots = solids.part_roots[first:stop]
+            names.append(part_names[first + int(np.where(roots <= node, roots, -1).argmax())])
+            corners, radius = node_corners(solids.hulls, node)
+            pose = poses[solids.bodies[number]]
+            hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
+            radii.append([radius])
+        return Contact(names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
+
+    def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
+        """Yield the names of the pairs of a scene that touch in all random configurations."""
+        points = draw_configurations(self.arm._ranges(), CONTACT_SAMPLES)
+        for number in np.flatnonzero(always_touch(scene, points)).tolist():
+            yield self.contact(scene.select_pairs(slice(number, number + 1)), points[:1])[:2]
+
+
+def make_snapshot(
+    arm: Arm,
+    obstacles: Mapping[str, PosedShape | None],
+    allowed: Collection[Names],
+    padding: Mapping[str, float],
+    margin: float,
+    before: Snapshot | None = None,
+) -> Snapshot:
+    """Return a snapshot; see :class:`Snapshot` for the arguments.
+
+    What did not change is taken from an earlier snapshot; the result is that without one.
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`build_arm_space`.
+    """
+    allowed, may_touch = frozenset(allowed), arm.allowed_collisions.keys() | frozenset(allowed)
+    reach = _measure_reach(arm) if before is None or before.arm is not arm else before.reach
+    static = {name: _place_static(name, each, reach, before) for name, each in obstacles.items() if each is not None}
+    known = {} if before is None else {(group.members, group.padding): group for group in before.groups}
+    if before is None or not _has_same_links(before, arm, allowed, padding):
+        links = _group_links(arm.links, may_touch, padding, known)
+    else:
+        links = before.links
+    groups, pairs, fixed = list(links.groups), list(links.pairs), list[tuple[int, int]]()
+    for group in _group_obstacles(static.values(), {link.name for link in arm.links}, may_touch, padding, known):
+        for number, other in enumerate(links.groups):
+            if sort_pair(other.members[0].name, group.members[0].name) not in may_touch:
+                (pairs if other.solid.body else fixed).append((number, len(groups)))
+        groups.append(group)
+    # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
+    pairs.sort(key=lambda pair: (groups[pair[1]].solid.body != 0, -groups[pair[0]].solid.body))
+    extra = _pad_pairs(groups, pairs)
+    packed = pack_solids([group.solid for group in groups], None if before is None else before.packed)
+    outer = make_outer_scene(arm.chain, packed, pairs, extra, margin)
+    inner = make_inner_scene(outer, packed)
+    made = Snapshot(arm, obstacles, allowed, padding, margin, reach, static, links, tuple(groups), packed, outer, inner)
+    # Pairs of groups that were tested before need no further test.
+    tested = set[int]()
+    if before is not None and before.arm.allowed_collisions.keys() | before.allowed <= may_touch:
+        tested = {id(group) for group in before.groups}
+    is_new = [id(group) not in tested for group in groups]
+    new_fixed = [pair for pair in fixed if is_new[pair[0]] or is_new[pair[1]]]
+    _refuse_fixed(made, new_fixed, _pad_pairs(groups, new_fixed))
+    _refuse_always(made, np.array([is_new[i] or is_new[j] for i, j in pairs], dtype=np.bool_))
+    return made
+
+
+def _measure_reach(arm: Arm) -> float:
+    """Return the size of the largest part of a link, metres."""
+    sizes = [np.subtract(*part.shape.outer.bounds) for link in arm.links for part in link.parts]
+    return max(float(np.linalg.norm(size)) for size in sizes)
+
+
+def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot | None) -> Solid:
+    """Return an obstacle as a solid; that of an earlier snapshot if it would be equal."""
+    if before is not None and before.obstacles.get(name) is placed:
+        solid = before.static[name]
+        if all(isinstance(part, StaticShape) and part.has_levers_of(reach) for part in solid.parts):
+            return solid
+    return Solid(name, 0, (StaticShape(placed.shape, placed.pose, reach),))
+
+
+def _has_same_links(before: Snapshot, arm: Arm, allowed: frozenset[Names], padding: Mapping[str, float]) -> bool:
+    """Return True if the groups of links are those of an earlier snapshot."""
+    if before.arm is not arm or before.allowed != allowed:
+        return False
+    return all(before.padding.get(link.name) == padding.get(link.name) for link in arm.links)
+
+
+def _find_partners(may_touch: Set[Names]) -> dict[str, set[str]]:
+    """Return the names that each name may touch."""
+    partners: dict[str, set[str]] = {}
+    for one, other in may_touch:
+        partners.setdefault(one, set()).add(other)
+        partners.setdefault(other, set()).add(one)
+    return partners
+
+
+def _group_links(
+    links: Sequence[Solid], may_touch: Set[Names], padding: Mapping[str, float], known: Mapping[_GroupKey, Group]
+) -> LinkGroups:
+    """Group links of one body.
+
+    Members may touch the same others and have the same padding, so that one test proves a group apart.
+    """
+    partners, found = _find_partners(may_touch), dict[tuple[int, frozenset[str], float], list[Solid]]()
+    for link in links:
+        fellows = {each.name for each in links if each.body == link.body}
+        key = link.body, frozenset(partners.get(link.name, set()) - fellows), padding.get(link.name, 0.0)
+        found.setdefault(key, []).append(link)
+    groups = tuple(_make_group(each, extra, False, known) for (_, _, extra), each in found.items())
+    pairs = []
+    for (i, one), (j, other) in combinations(enumerate(groups), 2):
+        name, other_name = one.members[0].name, other.members[0].name
+        if one.solid.body != other.solid.body and sort_pair(name, other_name) not in may_touch:
+            pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
+    return LinkGroups(groups, pairs)
+
+
+def _group_obstacles(
+    obstacles: Collection[Solid],
+    link_names: Set[str],
+    may_touch: Set[Names],
+    padding: Mapping[str, float],
+    known: Mapping[_GroupKey, Group],
+) -> list[Group]:
+    """Group obstacles that may touch the same links and have the same padding."""
+    partners, found = _find_partners(may_touch), dict[tuple[frozenset[str], float], list[Solid]]()
+    for obstacle in obstacles:
+        key = frozenset(partners.get(obstacle.name, set()) & link_names), padding.get(obstacle.name, 0.0)
+        found.setdefault(key, []).append(obstacle)
+    return [_make_group(each, extra, True, known) for (_, extra), each in found.items()]
+
+
+def _make_group(members: Sequence[Solid], padding: float, is_obstacle: bool, known: Mapping[_GroupKey, Group]) -> Group:
+    """Return a group, or the equal one that is known."""
+    key = tuple(members), padding
+    if key in known:
+        return known[key]
+    parts = tuple(part for member in members for part in member.parts)
+    solid = Solid(", ".join(member.name for member in members), members[0].body, parts)
+    return Group(solid, *key, is_obstacle)
+
+
+def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Floats:
+    """Return the padding of pairs, shape (p,): that of both, or zero between links."""
+    extra = [groups[i].padding + groups[j].padding if groups[j].is_obstacle else 0.0 for i, j in pairs]
+    return np.array(extra, dtype=np.float64)
+
+
+def _refuse_fixed(snapshot: Snapshot, pairs: Sequence[tuple[int, int]], padding: Floats) -> None:
+    """Raise ConfigurationError if an obstacle touches a link that no joint moves."""
+    if not pairs:
+        return
+    scene, q = snapshot.outer._replace(pairs=np.array(pairs), padding=padding), np.zeros((1, snapshot.arm.dof))
+    if not are_free(scene, q, q)[0]:
+        link, obstacle, *_ = snapshot.contact(scene, q)
+        raise ConfigurationError(
+            link,
+            f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
+            "no joint moves it",
+            f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})]; "
+            f"touch_links=[{link!r}] of add_obstacle",
+        )
+
+
+def _refuse_always(snapshot: Snapshot, which: Bools) -> None:
+    """Raise ConfigurationError if one of some pairs always touches.
+
+    Tests pairs that at most two joints move.
+    """
+    chain, scene = snapshot.arm.chain, snapshot.outer.select_pairs(which)
+    between = chain.between[tuple(scene.solids.bodies[scene.pairs].T)] & (chain.kinds != FIXED)
+    few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
+    for link, other in snapshot.always_touching(scene.select_pairs(np.array(few, dtype=np.bool_))):
+        raise ConfigurationError(
+            link,
+            f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random configurations",
+            "they may not touch, so no configuration would be free",
+            f"correct the robot or its SRDF, move the obstacle, or pass allowed_collisions=[({link!r}, {other!r})]",
+        )
+
+
+def _measure_distances(scene: Scene, points: Floats, margin: float) -> tuple[Floats, Ints]:
+    """Return the distances of a scene; see :meth:`Snapshot.distances`."""
+    rows = as_contiguous(points)
+    out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
+
+    def measure(first: int, stop: int) -> int:
+        pair_distances(scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene))
+        return -1
+
+    in_chunks(measure, len(rows), MIN_MOTIONS_PER_THREAD)
+    return np.where(out > 0.0, out + margin, 0.0), nearest
+
+
+def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Floats:
+    """Return the nearest points of two convex hulls.
+
+    The result has shape (2, 3). The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a
+    radius; ``radii`` has shape (2, 1); all in metres. The nearest points follow from the point nearest to zero in the
+    hull of all differences (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    """
+    differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
+    weights, _ = scipy.optimize.nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
+    shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
+    points = np.stack([shares.sum(axis=1) @ points_a, shares.sum(axis=0) @ points_b])
+    offset = points[1] - points[0]
+    return np.asarray(
+        points + np.multiply(radii, [[1.0], [-1.0]]) * offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
+    )
