@@ -115,8 +115,9 @@ def test_a_plan_ends_at_one_of_several_goals(tmp_path: Path, planner: str) -> No
 
 def test_a_plan_prefers_the_nearest_goal(tmp_path: Path) -> None:
     space = space_with_tip(tmp_path)
-    plan = planners.plan(space, (0.0, 0.0), [(2.0, 2.0), (0.1, 0.2), (-1.0, 1.0)])
-    assert tuple(plan.goal) == (0.1, 0.2) and plan.length == pytest.approx(math.hypot(0.1, 0.2))
+    for planner in ("BiRRT", "RRTConnect"):
+        plan = planners.plan(space, (0.0, 0.0), [(2.0, 2.0), (0.1, 0.2), (-1.0, 1.0)], planner=planner)
+        assert tuple(plan.goal) == (0.1, 0.2) and plan.length == pytest.approx(math.hypot(0.1, 0.2))
     at_start = planners.plan(space, (0.4, 0.5), PoseGoal("tip", space.arm.pose((0.4, 0.5), "tip")))
     assert at_start.certified and at_start.length == 0.0 and "the start is the goal" in at_start.status
     either = planners.plan(space, (0.4, 0.5), [(1.0, 1.0), (0.4, 0.5)])
