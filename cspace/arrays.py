@@ -67,10 +67,10 @@ def in_c_order(array: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 def copy_transposed(rows: NDArray[Scalar], out: NDArray[Scalar]) -> None:
-    """Copy rows, shape (n, m), into the columns of ``out``, shape (m, n).
+    """Copy rows into the columns of another array.
 
-    Narrow bands are copied, because otherwise each cache line of the result would be read and written for each of its
-    entries: eight times slower for 16,384 x 16,384 bytes.
+    ``rows`` has shape (n, m), and ``out`` shape (m, n). Narrow bands are copied, because otherwise each cache line of
+    the result would be read and written for each of its entries: eight times slower for 16,384 x 16,384 bytes.
     """
     width = max(1, COPY_BAND_BYTES // rows.itemsize)
     for start in range(0, len(rows), width):

@@ -90,7 +90,9 @@ def build(
     tile: int | Sequence[int] = 4096,
     client: Client | None = None,
 ) -> CSpace | TiledCSpace:
-    """Build the map of the configurations of a robot that translates and may rotate.
+    """Build the map of a robot's configurations.
+
+    The robot translates and may rotate.
 
     Parameters
     ----------
@@ -206,7 +208,10 @@ def build(
     def correlate(
         pairs: Sequence[RasterPair], engines: int, workers: int | None, progress: Progress | None
     ) -> tuple[Correlation, RasterGroups]:
-        """Prepare the correlation of some slices, and check the memory of ``engines`` in parallel."""
+        """Prepare the correlation of some slices.
+
+        The memory of ``engines``, which work in parallel, is checked.
+        """
         groups = group_rasters(pairs, inner)
         correlation = Correlation.create(method, groups, outside, workers, progress, counts)
         memory = engines * max(correlation.engine.bytes_needed(grid.shape, group, workers) for group in groups)

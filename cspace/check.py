@@ -199,10 +199,10 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
 
 
 def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
-    """Return the lower and the upper corner of a map, shape (2, dim).
+    """Return the corners of a map as an array.
 
-    ``bounds`` has that shape, or is ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError if it has another
-    shape, or an upper value is not above the lower value.
+    The lower and the upper corner have shape (2, dim). ``bounds`` has that shape, or is ``xmin, ymin, (zmin,) xmax,
+    ymax(, zmax)``. Raises InputError if it has another shape, or an upper value is not above the lower value.
     """
     box = check_finite(bounds, "bounds")
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]

@@ -103,10 +103,11 @@ def always_inline(function: F) -> F:
 
 
 def compilable(plain: F) -> F:
-    """Register a plain function, or the methods of a record class, for compiled code.
+    """Register plain functions for use in compiled code.
 
-    The decorated object stays plain Python, and its module imports no numba. Methods of one name take the same number
-    of arguments in every class, and no record has a field of that name.
+    Decorate a function or a record class, whose methods are registered. The decorated object stays plain Python, and
+    its module imports no numba. Methods of one name take the same number of arguments in every class, and no record has
+    a field of that name.
     """
     members = [plain] if isinstance(plain, FunctionType) else list(vars(plain).values())
     _UNREGISTERED.extend(each for each in members if inspect.isfunction(each) and each.__name__[0] != "_")
@@ -137,10 +138,10 @@ def _register_compilable() -> None:
 
 
 def dispatch_on_type(function: Callable[..., Any], implementations: dict[type, Callable[..., Any]]) -> None:
-    """Let compiled code choose an implementation by the type of the first argument.
+    """Choose an implementation by type, in compiled code.
 
-    Types are record classes or ``numpy.ndarray``; ``object`` stands for all others. Only the chosen implementation is
-    compiled.
+    The type of the first argument decides. Types are record classes or ``numpy.ndarray``; ``object`` stands for all
+    others. Only the chosen implementation is compiled.
     """
     import numpy as np
     from numba import types
@@ -193,7 +194,10 @@ def _cache_class() -> Any:
         ]
 
     class CheckedFile(IndexDataCacheFile):
-        """Code stored with its key, because two processes that save at once may exchange the files of their code."""
+        """Cached code, stored with its key.
+
+        Otherwise two processes that save at once might exchange the files of their code.
+        """
 
         def load(self, key: Any) -> Any:
             with suppress(Exception):  # a damaged file counts as absent
@@ -271,7 +275,10 @@ def _source(module: str) -> tuple[str, frozenset[str]]:
 
 
 def _record_modules(types: Iterable[Any]) -> set[str]:
-    """Return the modules of the record classes among argument types, at any depth."""
+    """Return the modules of record classes.
+
+    The classes are found among argument types, at any depth.
+    """
     pending, modules = list(types), set[str]()
     while pending:
         each = pending.pop()
@@ -323,7 +330,10 @@ def _announce_compiling() -> None:
 
     class Announcer(event.Listener):
         def on_start(self, event: Any) -> None:
-            """Announce the first compilation of a module, and stop the clock of time limits."""
+            """Announce the first compilation of a module.
+
+            The clock of time limits stops.
+            """
             module = str(event.data["dispatcher"].py_func.__module__)
             if module.startswith(("cspace.", "planners.")) and module not in announced:
                 announced.add(module)

@@ -43,10 +43,11 @@ class Backend(Protocol):
     """Cells of a map, over which compiled kernels run."""
 
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
-        """Return a query that runs a kernel over the rows of a batch.
+        """Return a query that runs a kernel.
 
-        The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the record of the map. ``passed`` is its
-        result for a row if all cells it reads are FREE. Each thread gets at least ``least`` rows.
+        It runs over the rows of a batch. The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the
+        record of the map. ``passed`` is its result for a row if all cells it reads are FREE. Each thread gets at least
+        ``least`` rows.
         """
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
@@ -57,7 +58,10 @@ class Components(Protocol):
     """Connected components of cells that share sides."""
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the component of each cell among FREE cells, or among FREE and MIXED cells; -1 outside these cells."""
+        """Return the component of each cell.
+
+        Components consist of FREE cells, or of FREE and MIXED cells; -1 outside these.
+        """
 
 
 class ConfigurationMap(ConfigurationSpace, MapPlot):
@@ -76,7 +80,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     def grid(self) -> Grid:
-        """Grid of the positions of the robot's reference point, equal to the workspace's grid."""
+        """Grid of the robot's positions.
+
+        It is the grid of the positions of the reference point, and equals the workspace's grid.
+        """
         return self._kept.grid
 
     @property
@@ -99,7 +106,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     def slice_rotations(self) -> Floats:
-        """One rotation of each slice, as in a configuration, shape (slices, k); k is 0, 1 or 4.
+        """One rotation of each slice.
+
+        It has the form that it has in a configuration: shape (slices, k), where k is 0, 1 or 4.
 
         Examples
         --------
@@ -115,7 +124,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     def outside(self) -> str:
-        """State of space outside the workspace: "blocked", "free", or "unknown" around a part of a larger map."""
+        """State of space outside the workspace.
+
+        It is "blocked", "free", or "unknown" around a part of a larger map.
+        """
         return self._kept.outside
 
     @property
@@ -125,17 +137,26 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the coordinates of a configuration: x, y, in space z, then yaw or qx, qy, qz, qw."""
+        """Names of the coordinates of a configuration.
+
+        They are x, y, in space z, then yaw or qx, qy, qz, qw.
+        """
         return (*self.grid.axes, *self.rotations.names)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the coordinates of a configuration: "m", "rad", or "1" for a quaternion."""
+        """Units of the coordinates of a configuration.
+
+        They are "m", "rad", or "1" for a quaternion.
+        """
         return (*self.grid.units, *self.rotations.units)
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom: 2 or 3 for positions, plus 1 for a yaw or 3 for a quaternion."""
+        """Degrees of freedom.
+
+        They are 2 or 3 for positions, plus 1 for a yaw or 3 for a rotation in space.
+        """
         return self.size - ("qw" in self.rotations.names)  # a quaternion has norm 1
 
     @abstractmethod
@@ -188,10 +209,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @overload
     def is_disconnected(self, q0: ArrayLike, q1: ConfigurationBatch) -> Bools: ...
     def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
-        """Return True if it is proven that no collision-free path exists between configurations.
+        """Return True if configurations are proven disconnected.
 
-        The proof is that no chain of FREE and MIXED cells joins them. If this and :meth:`is_connected` are both False,
-        the map is too coarse to decide; plan with ``exact=True``, or build with a finer spacing.
+        No collision-free path between them exists then. The proof is that no chain of FREE and MIXED cells joins them.
+        If this and :meth:`is_connected` are both False, the map is too coarse to decide; plan with ``exact=True``, or
+        build with a finer spacing.
 
         Parameters
         ----------
@@ -205,7 +227,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return _bool_or_array(self._connectivity(q0, q1)[1])
 
     def _connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
-        """Return which pairs are proven connected, and which are proven disconnected, of shape (...) each."""
+        """Return which pairs are proven connected or disconnected.
+
+        The two masks have shape (...).
+        """
         return self._backend.at_one_moment(lambda: self._compute_connectivity(q0, q1))
 
     def _compute_connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
@@ -225,7 +250,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             return [half.reshape(points.shape[:-1]) for half, points in zip(halves, endpoints, strict=True)]
 
         def find_joined(candidates: Bools, mixed: bool) -> Bools:
-            """Return which candidate pairs share a component; reads no component if there is no candidate."""
+            """Return which candidate pairs share a component.
+
+            Without candidates, no component is computed.
+            """
             if not candidates.any():
                 return candidates
             first, second = pairs(self._components.of(cells, mixed))
@@ -249,11 +277,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @overload
     def is_free_around(self, q: ConfigurationBatch, distance: float, angle: float = 0.0) -> Bools: ...
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
-        """Return True if every configuration within ``distance`` and ``angle`` of q is proven free.
+        """Return True if all near configurations are proven free.
 
-        The configurations are those in a box: at most ``distance`` away along each axis, and rotated by at most
-        ``angle``. They are proven if every closed cell that meets the box is FREE. Use it to prove curves piece by
-        piece.
+        They are within ``distance`` and ``angle`` of q. The configurations are those in a box: at most ``distance``
+        away along each axis, and rotated by at most ``angle``. They are proven if every closed cell that meets the box
+        is FREE. Use it to prove curves piece by piece.
 
         Parameters
         ----------
@@ -279,11 +307,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @overload
     def clearance(self, q: ConfigurationBatch) -> Floats: ...
     def clearance(self, q: ArrayLike) -> float | Floats:
-        """Return the distance, in the translation, to the nearest configuration that is not FREE.
+        """Return the distance to configurations that are not FREE.
 
-        The value is a proven lower bound, equal to the distance except for rounding, inside and outside the grid. It is
-        zero if the configuration is not FREE and infinite if every configuration is FREE. No array of the map's size is
-        computed.
+        It is the distance, in the translation, to the nearest one. The value is a proven lower bound, equal to the
+        distance except for rounding, inside and outside the grid. It is zero if the configuration is not FREE and
+        infinite if every configuration is FREE. No array of the map's size is computed.
 
         In a map in a store, distances are limited to 64 cells in the plane and 16 in space, because a window is opened
         around each configuration in turn.
@@ -337,7 +365,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return self._backend.query(edges_are_free, self._blocks(number), passed=True, least=MIN_EDGES_PER_THREAD)
 
     def _blocks(self, number: int) -> Words | None:
-        """Return occupancy bits of blocks of cells if they pay off for a ``number`` of edges."""
+        """Return the occupancy bits of blocks, if useful.
+
+        They are useful if they pay off for a ``number`` of edges.
+        """
         return None
 
     @abstractmethod
@@ -355,14 +386,18 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Connected components of cells that share sides."""
 
     def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
-        """Guess whether two cells, shape (2, 1 + d), are disconnected, so that MIXED components are tested first.
+        """Guess whether two cells are disconnected.
 
-        Also return a quick test that may prove that FREE and MIXED cells join the two.
+        ``cells`` has shape (2, 1 + d). If so, MIXED components are tested first. Also return a quick test that may
+        prove that FREE and MIXED cells join the two.
         """
         return False, _unknown
 
     def _cells_of(self, points: Floats) -> Ints:
-        """Return the cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
+        """Return the cells of configurations.
+
+        They are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and may lie outside the grid.
+        """
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         return np.concatenate([self.rotations._cells_of(points)[..., None], cells], axis=-1)
 
@@ -377,7 +412,10 @@ def _unknown() -> bool:
 
 
 def _are_free(classify: Query, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Write to ``out`` whether configurations are FREE; return the index of an invalid one, or -1."""
+    """Write whether configurations are FREE.
+
+    Returns the index of an invalid one, or -1.
+    """
     states = out.view(np.uint8)
     bad = classify(parts, states)
     np.equal(states, FREE, out=out)

@@ -33,21 +33,33 @@ class ConfigurationSpace(SpaceView, ABC):
     @property
     @abstractmethod
     def units(self) -> tuple[str, ...]:
-        """Units of the coordinates of a configuration: "m", "rad", or "1" for a quaternion."""
+        """Units of the coordinates of a configuration.
+
+        They are "m", "rad", or "1" for a quaternion.
+        """
 
     @cached_property
     def size(self) -> int:
-        """Length of a configuration, ``len(axes)``: 7 in SE(3), because a quaternion has four coordinates."""
+        """Length of a configuration, ``len(axes)``.
+
+        It is 7 in SE(3), because a quaternion has four coordinates.
+        """
         return len(self.axes)
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom: 3 in SE(2), 6 in SE(3), the number of joints of an arm."""
+        """Degrees of freedom.
+
+        They are 3 in SE(2), 6 in SE(3), and the number of joints for an arm.
+        """
         return self.size
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
-        """True for each coordinate that is the angle of a continuous joint, periodic by 2 pi."""
+        """Whether each coordinate is a continuous joint's angle.
+
+        Such angles have a period of 2 pi.
+        """
         return (False,) * self.size
 
     @cached_property
@@ -150,11 +162,12 @@ class ConfigurationSpace(SpaceView, ABC):
         return evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact), self._angles)
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
-        """Return True for each edge of a path, of paths or of a roadmap that is proven collision-free.
+        """Return whether each edge is proven collision-free.
 
-        Edges are straight and rotate along the shorter arc, as OMPL interpolates, and answers are as for
-        :meth:`motion_is_free`; for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads, and
-        on a map in larger steps through blocks of FREE cells.
+        The edges belong to a path, to several paths, or to a roadmap. Edges are straight and rotate along the shorter
+        arc, as OMPL interpolates, and answers are as for :meth:`motion_is_free`; for arms see
+        :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads, and on a map in larger steps through
+        blocks of FREE cells.
 
         Parameters
         ----------
@@ -201,10 +214,10 @@ class ConfigurationSpace(SpaceView, ABC):
         return np.asarray(evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact)))
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[TileSubproblem]:
-        """Split a planning problem into problems on parts of the space in memory.
+        """Split a planning problem into parts.
 
-        Return for each a function that opens the part, and two configurations to join in it. Only a map in a store has
-        several parts; see :class:`cspace.TiledCSpace`.
+        Each part is a problem on a part of the space in memory. Return for each a function that opens the part, and two
+        configurations to join in it. Only a map in a store has several parts; see :class:`cspace.TiledCSpace`.
         """
         return [(lambda: self, self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1"))]
 
@@ -220,7 +233,10 @@ class ConfigurationSpace(SpaceView, ABC):
 
     @abstractmethod
     def _edges(self, number: int, exact: bool) -> Query:
-        """Return the kernel that tests whether edges are free, chosen for a ``number`` of edges."""
+        """Return the kernel that tests edges.
+
+        It is chosen for a ``number`` of edges.
+        """
 
 
 TileSubproblem = tuple[Callable[[], ConfigurationSpace], Floats, Floats]

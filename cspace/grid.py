@@ -37,9 +37,10 @@ def check_reach(far: float, name: str, origin: str, hint: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A box of closed cubic cells; cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``.
+    """A box of closed cubic cells.
 
-    Arrays over the grid are indexed in the order of the coordinates, ``[x, y]`` or ``[x, y, z]``.
+    Cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``. Arrays over the grid are indexed in the order of the
+    coordinates, ``[x, y]`` or ``[x, y, z]``.
 
     Parameters
     ----------
@@ -123,7 +124,10 @@ class Grid:
 
     @property
     def measure_unit(self) -> str:
-        """Unit of a cell's area or volume: "m2", "rad3", or e.g. "rad m"."""
+        """Unit of a cell's area or volume.
+
+        Examples are "m2", "rad3" and "rad m".
+        """
         powers = [(unit, self.units.count(unit)) for unit in sorted(set(self.units), reverse=True)]
         return " ".join(f"{unit}{power}" if power > 1 else unit for unit, power in powers)
 

@@ -68,7 +68,10 @@ def cross(a: Row, b: Row) -> Row:
 
 @always_inline
 def rotate(matrix: Matrix, p: Row) -> Row:
-    """Return the product of a matrix, given by its rows, and a vector."""
+    """Multiply a matrix by a vector.
+
+    The matrix is given by its rows.
+    """
     x, y, z = matrix
     return dot(x, p), dot(y, p), dot(z, p)
 
@@ -89,7 +92,10 @@ def rotate_back(matrix: Matrix, p: Row) -> Row:
 
 @always_inline
 def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
-    """Rotate a point by a matrix, given by its rows, then translate it."""
+    """Rotate a point, then translate it.
+
+    The matrix is given by its rows.
+    """
     return add_scaled(rotate(matrix, p), position, 1.0)
 
 
@@ -114,10 +120,11 @@ def extent_along(n: Row, half: Row) -> float:
 
 @kernel
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
-    """Return the weights (s, t) of the triangle's point nearest to the origin.
+    """Return the weights of a triangle's nearest point.
 
-    The point is ``a + s (b - a) + t (c - a)``. Both weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t``
-    is exactly zero. Corners may coincide. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+    It is the point nearest to the origin; the weights are (s, t). The point is ``a + s (b - a) + t (c - a)``. Both
+    weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly zero. Corners may coincide. C. Ericson,
+    "Real-Time Collision Detection", 2005, section 5.1.5.
     """
     ab, ac = minus(b, a), minus(c, a)
     d1, d2 = -dot(ab, a), -dot(ac, a)
@@ -173,7 +180,10 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
 
 @kernel
 def point_segment(p: Row, a: Row, b: Row) -> float:
-    """Return the squared distance between p and the segment from a to b."""
+    """Return the squared distance between point and segment.
+
+    The point is p, and the segment leads from a to b.
+    """
     ab, ap = minus(b, a), minus(p, a)
     square = dot(ab, ab)
     t = min(max(dot(ap, ab) / square, 0.0), 1.0) if square > 0.0 else 0.0
@@ -204,7 +214,10 @@ def point_triangle(p: Row, triangle: Floats) -> float:
 
 @kernel
 def normal_of(triangle: Floats) -> Row:
-    """Return a normal of a triangle, shape (3, 3), of twice its area."""
+    """Return a normal of a triangle.
+
+    Its length is twice the area of the triangle, whose shape is (3, 3).
+    """
     a = row_at(triangle[0], 0)
     return cross(minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a))
 

@@ -269,7 +269,7 @@ def out_of_memory(
     *,
     error: type[CspaceError] = InputError,
 ) -> CspaceError:
-    """Return the error for work that needs more memory than it may use."""
+    """Return the error for work beyond the memory limit."""
     return error(
         argument,
         f"{problem} and needs about {bytes_text(needed)} of memory{time}",
@@ -340,7 +340,10 @@ def _container_bytes() -> float:
 
 
 def _address_bytes() -> float:
-    """Return the memory left by the limit of the address space (``ulimit -v``)."""
+    """Return the memory that the address-space limit leaves.
+
+    The limit is that of ``ulimit -v``.
+    """
     import psutil
 
     try:

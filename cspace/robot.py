@@ -93,7 +93,9 @@ class Robot(NotebookPicture):
 
     @classmethod
     def polygon(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None) -> Robot:
-        """Make a robot of one or more polygons, convex or not, with or without holes.
+        """Make a robot of polygons.
+
+        They may be convex or not, with or without holes.
 
         Parameters
         ----------
@@ -115,7 +117,10 @@ class Robot(NotebookPicture):
 
     @classmethod
     def rectangle(cls, length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
-        """Make a rectangle: ``length`` along x, ``width`` along y, around ``center`` in the robot's frame (metres)."""
+        """Make a rectangle.
+
+        It has ``length`` along x and ``width`` along y, around ``center`` in the robot's frame (metres).
+        """
         return cls(*primitives.rectangle(length, width, center))
 
     @classmethod
@@ -157,7 +162,9 @@ class Robot(NotebookPicture):
 
     @classmethod
     def from_balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:
-        """Make a union of discs in the plane or of balls in space.
+        """Make a union of discs or balls.
+
+        Discs lie in the plane, balls in space.
 
         Parameters
         ----------
@@ -203,10 +210,10 @@ class Robot(NotebookPicture):
 
     @classmethod
     def capsule(cls, radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
-        """Make an upright capsule around ``center``, ``length + 2 * radius`` high (metres).
+        """Make an upright capsule around ``center``.
 
-        It contains all points within ``radius`` of a vertical segment. Two polyhedra bound it, as a :meth:`cylinder`;
-        the outer one reaches 0.24 % of the radius farther.
+        It is ``length + 2 * radius`` high (metres). It contains all points within ``radius`` of a vertical segment. Two
+        polyhedra bound it, as a :meth:`cylinder`; the outer one reaches 0.24 % of the radius farther.
         """
         return cls(*primitives.capsule(radius, length, center))
 
@@ -238,9 +245,9 @@ class Robot(NotebookPicture):
 
     @classmethod
     def from_bitmap(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Robot:
-        """Make a robot of a bitmap: the union of the closed cells that are set.
+        """Make a robot of a bitmap.
 
-        Cell i is ``lower + spacing * (i + [0, 1]^d)``.
+        The robot is the union of the closed cells that are set. Cell i is ``lower + spacing * (i + [0, 1]^d)``.
 
         Parameters
         ----------
@@ -284,10 +291,11 @@ class Robot(NotebookPicture):
 
     @classmethod
     def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
-        """Read the robot of Nav2's YAML parameters, or of a ``costmap_common_params.yaml`` of ROS 1.
+        """Read the robot of Nav2's YAML parameters.
 
-        A ``footprint`` becomes a polygon, as in :meth:`from_footprint`; otherwise ``robot_radius`` becomes a disc. Both
-        are padded by ``footprint_padding``, which is 0.01 m by default, as in Nav2.
+        A ``costmap_common_params.yaml`` of ROS 1 is read too. A ``footprint`` becomes a polygon, as in
+        :meth:`from_footprint`; otherwise ``robot_radius`` becomes a disc. Both are padded by ``footprint_padding``,
+        which is 0.01 m by default, as in Nav2.
 
         Parameters
         ----------
@@ -318,9 +326,10 @@ class Robot(NotebookPicture):
         solid: Solid = "auto",
         package_dirs: PackageDirs = (),
     ) -> Robot:
-        """Read the collision geometry of a URDF: of some links, or of all links fixed to the root.
+        """Read the collision geometry of a URDF.
 
-        Boxes and meshes are exact; cylinders and spheres are bounded by two polyhedra, as in :meth:`cylinder`.
+        Some links are read, or all links fixed to the root. Boxes and meshes are exact; cylinders and spheres are
+        bounded by two polyhedra, as in :meth:`cylinder`.
 
         A mesh named ``package://PACKAGE/REST`` is the file ``PACKAGE/REST`` in the first of these folders that has it:
 
@@ -336,9 +345,9 @@ class Robot(NotebookPicture):
         ----------
         path : path-like
         link : str or sequence of str, optional
-            Links to read, with all joints at zero; the reference point is the origin of the first one. If left out,
-            the root and all links fixed to it, in the frame of the root; a warning names links with geometry that are
-            left out because they move, such as wheels.
+            Links to read, with all joints at zero; the reference point is the origin of the first one. If left out, the
+            root and all links fixed to it, in the frame of the root; a warning names links with geometry that are left
+            out because they move, such as wheels.
         solid : {"auto", "surface", "fill"}
             Parts with an interior, as for :meth:`from_mesh`. "surface" is only for links whose geometry is meshes,
             because boxes, cylinders and spheres are solid.
@@ -475,27 +484,29 @@ class Robot(NotebookPicture):
 
     @property
     def geometry(self) -> BaseGeometry:
-        """Outline of a robot in the plane as a shapely geometry, metres, for drawing only.
+        """Outline of a robot in the plane.
 
-        Discs become polygons of 128 corners. A shape with an outer and an inner bound, such as an ellipse, is drawn as
-        the outer one.
+        It is a shapely geometry, in metres, for drawing only. Discs become polygons of 128 corners. A shape with an
+        outer and an inner bound, such as an ellipse, is drawn as the outer one.
         """
         return self.shape.outer.outline
 
     @property
     def surface(self) -> Surface:
-        """Surface of a robot in space as vertices (V, 3) and triangles (F, 3), metres, for drawing only.
+        """Surface of a robot in space.
 
-        Balls get flat faces. A shape with an outer and an inner bound, such as a cylinder, is drawn as the outer one.
+        It has vertices (V, 3) and triangles (F, 3), in metres, for drawing only. Balls get flat faces. A shape with an
+        outer and an inner bound, such as a cylinder, is drawn as the outer one.
         """
         return self.shape.outer.surface
 
     @property
     def inscribed_radius(self) -> float:
-        """Radius of the largest circle around the reference point inside a robot in the plane, metres; 0 if none.
+        """Radius of the largest circle inside the robot.
 
-        The value is a lower bound for several discs, and for a robot with an outer and an inner bound, such as an
-        ellipse, because the circle lies in the inner one.
+        The circle lies around the reference point of a robot in the plane. The radius is in metres; 0 if there is no
+        circle. The value is a lower bound for several discs, and for a robot with an outer and an inner bound, such as
+        an ellipse, because the circle lies in the inner one.
         """
         return self.shape.inner.inscribed_radius
 
@@ -536,7 +547,9 @@ class Robot(NotebookPicture):
 
 
 def robot_of(source: Robot | ShapeLike) -> Robot:
-    """Convert a shape, or anything that describes one, to a robot whose reference point is the origin.
+    """Convert a shape to a robot.
+
+    ``source`` is a shape or anything that describes one. The reference point is the origin.
 
     Raises CspaceError as :func:`cspace.shapes.as_shape` and the constructor for that shape.
     """

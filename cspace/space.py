@@ -410,7 +410,7 @@ class CSpace(ConfigurationMap, MapExport):
             If the configuration is not FREE, or not in the grid.
         """
         with self._lock:  # an update changes the components
-            first, last = self._components.box(self._cells_of(self._one_free(q, "q")))
+            first, last = self._components.box(self._cells_of(self._in_grid(q, "q", free=True)))
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
@@ -485,7 +485,10 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
         from cspace.map.paths import path_length
 
-        endpoints, dim = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]), self.grid.dim
+        endpoints, dim = (
+            np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]),
+            self.grid.dim,
+        )
         still = not self.rotations._steps_between(*endpoints)[dim:].any()
         if still:
             endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
@@ -507,7 +510,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_path` with ``exact``; raise TimeoutError if time runs out before any is found."""
         from cspace.map.paths import in_time, path_length, pulled_straight
 
-        endpoints = np.stack([self._one_free(q, name, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
+        endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
         until, rotations, check = clock() + seconds, self.rotations, self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
             return endpoints
@@ -666,7 +669,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
         from cspace.map.widest import BYTES_PER_CELL, find_widest_path
 
-        endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
+        endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
         # Levels cover the unrolled map: half a period more at either end of a periodic axis.
         cells = self.grid.size * len(self.rotations) * 2 ** sum(self.periodic_axes)
         needed, fewer = BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
@@ -1199,18 +1202,17 @@ class CSpace(ConfigurationMap, MapExport):
         query = self._backend.query(overlaps, sums.counts, self._runs, int(exterior_blocked))
         return evaluate_batch(q, self.size, query, np.int64, int, angles=self._angles)
 
-    def _in_grid(self, q: ArrayLike, name: str) -> Floats:
-        """Return one configuration in the grid, its yaw in [-pi, pi)."""
-        point = self.rotations._make_canonical(self._check_configurations(q, name), name)
-        if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]):
-            rule = "it must be one configuration in the grid"
-            raise ConfigurationError(name, f"is {q!r}", rule, "ask grid.lower and grid.upper", value=q)
-        return point
+    def _in_grid(self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False) -> Floats:
+        """Return one configuration in the grid, its yaw in [-pi, pi).
 
-    def _one_free(self, q: ArrayLike, name: str, exact: bool = False) -> Floats:
-        """Return one FREE configuration in the grid, its yaw in [-pi, pi); with ``exact``, a free one."""
+        With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises ConfigurationError otherwise.
+        """
         point = self.rotations._make_canonical(self._check_configurations(q, name), name)
-        if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point, exact=exact):
-            rule = f"it must be one {'free' if exact else 'FREE'} configuration in the grid"
-            raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)
+        is_inside = point.ndim == 1 and self.grid.contains(point[: self.grid.dim])
+        if not is_inside or (free and not self.is_free(point, exact=exact)):
+            kind = ("free " if exact else "FREE ") if free else ""
+            hint = "ask nearest_free for one" if free else "ask grid.lower and grid.upper"
+            raise ConfigurationError(
+                name, f"is {q!r}", f"it must be one {kind}configuration in the grid", hint, value=q
+            )
         return point

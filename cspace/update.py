@@ -114,7 +114,10 @@ class Patch:
 
 
 def _copy_cells(values: ArrayLike, name: str) -> Bools:
-    """Return a contiguous writable copy that holds only the bytes 0 and 1."""
+    """Return a contiguous writable copy of cells.
+
+    It holds only the bytes 0 and 1.
+    """
     if type(values) is np.ndarray and values.dtype == np.bool_ and values.size and values.ndim in (2, 3):
         return np.not_equal(values, 0, order="C")  # a view as bool may hold other bytes than 0 and 1
     return np.array(check_cells(values, name))
@@ -395,7 +398,10 @@ class Updater:
 
 
 def _complete(work: Callable[[], None]) -> None:
-    """Call ``work``, and again if it was interrupted, because it must not stay half done."""
+    """Call ``work``, and again if it was interrupted.
+
+    It must not stay half done.
+    """
     try:
         work()
     except BaseException:  # Ctrl-C, too

@@ -22,10 +22,10 @@ _DRAWS_PER_BATCH: Final = 256
 
 
 class StateValidityChecker(ob.StateValidityChecker):
-    """Validity of OMPL's states, looked up in a certified map, or tested on an arm.
+    """Checker of OMPL's states on a certified map.
 
-    A state is valid if it is proven free. States in MIXED cells of a map are invalid, unless ``exact`` is set and the
-    geometry proves them free.
+    The states of an arm are tested by its geometry. A state is valid if it is proven free. States in MIXED cells of a
+    map are invalid, unless ``exact`` is set and the geometry proves them free.
 
     Parameters
     ----------
@@ -61,18 +61,21 @@ class StateValidityChecker(ob.StateValidityChecker):
         return self._clearance(state)
 
     def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
-        """Replace the look-ups by a function; None restores them. The deadline of a plan does so."""
+        """Replace the checks by a function.
+
+        None restores them. The deadline of a plan replaces them.
+        """
         self._is_free = replacement or self._query_space
         if type(self) is StateValidityChecker:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["isValid"] = self._is_free
 
 
 class MotionValidator(ob.MotionValidator):
-    """Validity of OMPL's motions: a motion is valid if every cell that its edge touches is FREE.
+    """Validator of OMPL's motions on a certified map.
 
-    The test is exact at any length and does not use OMPL's checking resolution. With a drive, the edge is the driven
-    motion itself (turn, line and turn, or the curve), not a chain of samples on it. OMPL now and then uses a curve that
-    is not the shortest; such a motion is invalid.
+    A motion is valid if every cell that its edge touches is FREE. The test is exact at any length and does not use
+    OMPL's checking resolution. With a drive, the edge is the driven motion itself (turn, line and turn, or the curve),
+    not a chain of samples on it. OMPL now and then uses a curve that is not the shortest; such a motion is invalid.
 
     OMPL can also ask for the last valid state of a motion, which its Python bindings cannot return. So
     ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states with any motion validator
@@ -136,14 +139,19 @@ class MotionValidator(ob.MotionValidator):
         return self._is_free(first, second)
 
     def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
-        """Replace the proofs by a function; None restores them. The deadline of a plan does so."""
+        """Replace the proofs by a function.
+
+        None restores them. The deadline of a plan replaces them.
+        """
         self._is_free = replacement or self._query_space
         if type(self) is MotionValidator:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["checkMotion"] = self._is_free
 
 
 class FreeStateSampler(ob.ValidStateSampler):
-    """Sampler of FREE states, uniform over the free area or volume, without rejection.
+    """Sampler of FREE states, without rejection.
+
+    States are uniform over the free area or volume.
 
     Parameters
     ----------
@@ -188,7 +196,9 @@ class FreeStateSampler(ob.ValidStateSampler):
         return True
 
     def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
-        """Set ``state`` to a FREE configuration within ``distance`` of ``near`` along each axis, and in radians.
+        """Sample a FREE state near another one.
+
+        ``state`` is set to a configuration within ``distance`` of ``near`` along each axis, in metres and in radians.
 
         Returns
         -------

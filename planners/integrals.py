@@ -26,10 +26,10 @@ MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 
 
 class CostDensity(NamedTuple):
-    """Cost of a metre of path at a field's value: ``1 + weight * max(0, offset + slope * value)**2``.
+    """Cost of a metre of path.
 
-    A radian of rotation counts as ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of
-    the cost of the whole edge.
+    For a field's value, it is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as
+    ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of the cost of the whole edge.
     """
 
     offset: float
@@ -40,7 +40,10 @@ class CostDensity(NamedTuple):
 
 
 def value_at(field: Field, map_: Map, q: Numbers) -> float:
-    """Return the value of a field at a configuration; compiled code dispatches on the type of the field."""
+    """Return the value of a field at a configuration.
+
+    Compiled code dispatches on the type of the field.
+    """
     raise NotImplementedError
 
 
@@ -68,9 +71,10 @@ def cost_at(map_: Map, field: Field, density: CostDensity, q: Numbers) -> float:
 
 @kernel
 def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numbers) -> float:
-    """Integrate the cost along a straight edge, by the midpoint rule in steps of at most one cell and 5 degrees.
+    """Integrate the cost along a straight edge.
 
-    ``both`` holds the numbers of both configurations, one after the other.
+    The midpoint rule has steps of at most one cell and 5 degrees. ``both`` holds the numbers of both configurations,
+    one after the other.
     """
     q0 = map_.lower + map_.rotations.zeros()
     q1, size, dim, square = q0, len(q0), len(map_.lower), 0.0

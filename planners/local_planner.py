@@ -145,7 +145,10 @@ class LocalPlanner(ABC):
     @property
     @abstractmethod
     def length_unit(self) -> str:
-        """Unit of lengths: "m", "rad", or "rad or m" if joints of an arm have both."""
+        """Unit of lengths.
+
+        It is "m", "rad", or "rad or m" if joints of an arm have both.
+        """
 
     @property
     @abstractmethod
@@ -159,7 +162,10 @@ class LocalPlanner(ABC):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Keyword arguments of :func:`local_planner` that make an equal local planner of a space."""
+        """Keyword arguments that make an equal local planner.
+
+        They are arguments of :func:`local_planner`.
+        """
         names = ("exact", "drive", "turning_radius", "bidirectional")
         return {name: getattr(self, name) for name in names}
 
@@ -173,14 +179,23 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def clearance_checker(self) -> Callable[..., float]:
-        """Make ``clearance(*q)``, a lower bound in metres of the clearance, or of the obstacle distance of an arm."""
+        """Return a function that bounds the clearance.
+
+        ``clearance(*q)`` is a lower bound in metres of the clearance, or for an arm of the obstacle distance.
+        """
 
     @abstractmethod
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if the edge between configurations is proven free."""
+        """Return a function that proves edges free.
+
+        ``check(*q0, *q1)`` returns True if the edge between configurations is proven free.
+        """
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Make ``check(first, second)``, which returns True if OMPL's edge between its states is proven free."""
+        """Return a function that proves OMPL's edges free.
+
+        ``check(first, second)`` returns True if the edge between two states of OMPL is proven free.
+        """
         check = kind_of(self.space).of_states(self.edge_checker())
         return (lambda first, second: check(first, second) and check(second, first)) if self.bidirectional else check
 
@@ -189,17 +204,24 @@ class LocalPlanner(ABC):
         return path
 
     def breakpoints(self, path: Floats) -> Floats:
-        """Return a path with the configurations at which the motion along an edge changes."""
+        """Insert the configurations at which a motion changes.
+
+        They lie on the edges of a path, shape (n, size).
+        """
         return path
 
     def remove_turns(self, path: Floats) -> Floats:
-        """Return a path without turns on the spot that it does not need, if the shorter edges are proven free too."""
+        """Remove needless turns on the spot from a path.
+
+        The shorter edges must be proven free too.
+        """
         return path
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge of a path is proven free, shape (n - 1,).
+        """Return whether each edge is proven free.
 
-        A path of one configuration counts as one edge from it to itself, shape (1,).
+        For a path of n configurations, the result has shape (n - 1,). A path of one configuration counts as one edge
+        from it to itself, shape (1,).
         """
         check, rows = self.edge_checker(), path.tolist()
         pairs = itertools.pairwise(rows if len(rows) > 1 else 2 * rows)
@@ -219,14 +241,18 @@ class LocalPlanner(ABC):
         seconds: float,
         iterations: int | None = None,
     ) -> Floats:
-        """Find a path by a built-in search, shape (n, size), or shape (0, size) if it finds none.
+        """Find a path by a built-in search.
 
-        ``iterations`` is for "BiRRT", as for :meth:`cspace.ArmSpace.find_path`.
+        It has shape (n, size), where n is 0 if none is found. ``iterations`` is for "BiRRT", as for
+        :meth:`cspace.ArmSpace.find_path`.
         """
 
     @abstractmethod
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the lengths of edges, shape (n,), in which rotations count as planners weigh them."""
+        """Return the lengths of edges, with weighted rotations.
+
+        They have shape (n,). Planners weigh rotations in the same way.
+        """
 
     @abstractmethod
     def measure(self, path: Floats) -> tuple[float, float]:
@@ -234,11 +260,17 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Bound the length of all free paths between two configurations, with weighted rotations, from below."""
+        """Return a lower bound of path lengths.
+
+        It holds for all free paths between two configurations, with weighted rotations.
+        """
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:
-        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`; NaN for an arm."""
+        """Return a lower bound of the clearance along a path.
+
+        It is :attr:`planners.Plan.clearance`; NaN for an arm.
+        """
 
     @abstractmethod
     def obstacle_distance(self, path: Floats) -> float:
@@ -246,23 +278,34 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Return a path with rows dense enough to drive and draw, and its :attr:`planners.Plan.direction`."""
+        """Add rows to drive and draw a path.
+
+        Returns the path and its :attr:`planners.Plan.direction`.
+        """
 
     # ---- before and after a search -----------------------------------------------------------------------------------
 
     @property
     @abstractmethod
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest values of each number of a configuration that OMPL bounds, shapes (k,)."""
+        """Lowest and highest values that OMPL bounds.
+
+        They are numbers of a configuration, shapes (k,).
+        """
 
     @property
     @abstractmethod
     def checking_step(self) -> float:
-        """Distance between the states that OMPL checks when it steps along a motion by itself."""
+        """Distance between the states that OMPL checks.
+
+        OMPL uses it when it steps along a motion by itself.
+        """
 
     @abstractmethod
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
-        """Return a start or goal as OMPL holds it: yaw wrapped, quaternion of norm 1.
+        """Return a start or goal as OMPL holds it.
+
+        The yaw is wrapped, and a quaternion has norm 1.
 
         Raises ConfigurationError if no motion from it can be proven free, and InputError if it is no configuration.
         """
@@ -281,27 +324,45 @@ class LocalPlanner(ABC):
         return [(self.check_endpoint(given, "goal"), given)]
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Say which joints of a start or goal :meth:`check_endpoint` moves onto their limits; empty if none."""
+        """Name the joints that are moved onto their limits.
+
+        :meth:`check_endpoint` moves them, at a start or goal. The text is empty if there are none.
+        """
         return ""
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
-        """Return True if a path is proven to exist, False if none is proven to, and None if undecided."""
+        """Return whether a path is proven to exist.
+
+        False means that none is proven to exist, and None that the map is undecided.
+        """
         return None
 
     def may_join(self, exists: bool | None) -> bool:
-        """Return False if no path of such edges can join start and goal, given the result of prove_existence."""
+        """Return False if no path can join start and goal.
+
+        ``exists`` is the result of :meth:`prove_existence`.
+        """
         return exists is not False
 
     def describe_existence(self, exists: bool | None) -> str:
-        """Say whether a path is proven to exist, for the status of a plan without a path."""
+        """Say whether a path is proven to exist.
+
+        The text is for the status of a plan without a path.
+        """
         return "unknown whether one exists"
 
     def describe_limits(self, endpoints: Endpoints) -> list[str]:
-        """Say what limits motions at start and goal, for the status of a plan without a path."""
+        """Name the limits of motions at start and goal.
+
+        The text is for the status of a plan without a path.
+        """
         return []
 
     def hints_without_chain(self, planner: str) -> list[str]:
-        """List what to try if no chain of FREE cells joins start and goal."""
+        """List what to try without a chain of FREE cells.
+
+        No such chain joins start and goal.
+        """
         return []
 
     def hints_after_search(
@@ -315,7 +376,10 @@ class LocalPlanner(ABC):
         return [f"more time ({time})", "another seed", "another planner"]
 
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
-        """Return one configuration as an array; raise InputError if its length is wrong or it is not finite."""
+        """Return one configuration as an array.
+
+        Raises InputError if its length is wrong or it is not finite.
+        """
         point = check_finite(q, name)
         if point.shape != (self.space.size,):
             rule = f"it must be one configuration of {self.space.size} numbers"
@@ -343,7 +407,10 @@ class EdgesOnMap(LocalPlanner):
     @property
     @abstractmethod
     def rotation_weight(self) -> float:
-        """Metres that a radian of rotation counts as in the length of an edge."""
+        """Metres that a radian of rotation counts as.
+
+        They are part of the length of an edge.
+        """
 
     @abstractmethod
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
@@ -351,7 +418,10 @@ class EdgesOnMap(LocalPlanner):
 
     @abstractmethod
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path into pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split a path into short pieces.
+
+        They have at most ``step`` metres and ``rotation`` radians.
+        """
 
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which returns True if a configuration is proven free."""
@@ -366,7 +436,10 @@ class EdgesOnMap(LocalPlanner):
         return wrapped(path, [name == "yaw" for name in self.space.axes])
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge of a path is proven free, shape (n - 1,), or (1,) for one configuration."""
+        """Return whether each edge is proven free.
+
+        For a path of n configurations, the result has shape (n - 1,), or (1,) if n is 1.
+        """
         from cspace.tiles.space import TiledCSpace
 
         space: ConfigurationMap = self.space
@@ -390,19 +463,28 @@ class EdgesOnMap(LocalPlanner):
         seconds: float,
         iterations: int | None = None,
     ) -> Floats:
-        """Find a path by the map's own search "Grid" or "MaxClearance", shape (n, size)."""
+        """Find a path by "Grid" or "MaxClearance".
+
+        These are searches of the map; the path has shape (n, size).
+        """
         if planner == MAX_CLEARANCE:
             return self.space.find_widest_path(*endpoints, straight=straight, time_limit=seconds)
         options = {"exact": True} if self.exact else {}  # only maps in memory have geometry
         return self.space.find_path(*endpoints, straight=straight, time_limit=seconds, **options)
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return the metres and the radians that the robot moves along a path."""
+        """Return the length and the rotation of a path.
+
+        The robot moves by metres and radians.
+        """
         pieces = self.split_path(path, math.inf, math.inf)
         return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Bound the length of all free paths between two configurations, with weighted rotations, from below."""
+        """Return a lower bound of path lengths.
+
+        It holds for all free paths between two configurations, with weighted rotations.
+        """
         space: ConfigurationMap = self.space
         steps, dim = space.rotations._steps_between(first, last), space.grid.dim
         straight = float(np.linalg.norm(steps[:dim]))
@@ -424,11 +506,11 @@ class EdgesOnMap(LocalPlanner):
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
 
     def obstacle_distance(self, path: Floats) -> float:
-        """Bound the obstacle distance along a path from below, metres; NaN if the map has no geometry.
+        """Return a lower bound of the obstacle distance.
 
-        Each edge is split into pieces on which no point of the robot moves by more than half a cell. Each point stays
-        within a quarter of a cell of its position at the piece's center, so the distance there minus that much bounds
-        the piece.
+        It holds along a path, in metres; NaN if the map has no geometry. Each edge is split into pieces on which no
+        point of the robot moves by more than half a cell. Each point stays within a quarter of a cell of its position
+        at the piece's center, so the distance there minus that much bounds the piece.
         """
         space, step = self.space, 0.25 * self.space.grid.spacing
         pieces = self._split_or_point(path, step, step / max(space.robot.span, step))
@@ -439,7 +521,10 @@ class EdgesOnMap(LocalPlanner):
         return distance if self.are_free(path) else 0.0
 
     def _split_or_point(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path as :meth:`split_path`; a path of one configuration becomes one piece."""
+        """Split a path as :meth:`split_path`.
+
+        A path of one configuration becomes one piece.
+        """
         return self.split_path(path, step, rotation) if len(path) > 1 else Pieces(path, np.zeros(1), np.zeros(1))
 
     @property
@@ -469,7 +554,10 @@ class EdgesOnMap(LocalPlanner):
         raise self._make_endpoint_error(point, name, inside)
 
     def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
-        """Make the error that says why a start or goal is refused, with the nearest FREE configuration."""
+        """Return the error for a refused start or goal.
+
+        It says why, and names the nearest FREE configuration.
+        """
         space = self.space
         state = space.classify(point)
         if not inside:
@@ -494,30 +582,39 @@ class EdgesOnMap(LocalPlanner):
         return ConfigurationError(name, f"{format_point(point)} {problem}", rule, hint, value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
-        """Return True if a path is proven to exist, False if none is proven to, and None if undecided."""
+        """Return whether a path is proven to exist.
+
+        False means that none is proven to exist, and None that the map is undecided.
+        """
         connected, disconnected = self.space._connectivity(*endpoints)
         return True if connected else False if disconnected else None
 
     def may_join(self, exists: bool | None) -> bool:
-        """Return False if no path of such edges can join start and goal.
+        """Return False if no path can join start and goal.
 
-        Unless the geometry decides, an edge of any drive is proven only if every closed cell that it touches is FREE.
-        The cells of the grid that contain a point of the edge form a block in position and rotation, so they are joined
-        through sides. Along the edge, the cells change only at points that lie in both the old and the new cells. So
-        all cells of a path, including those of start and goal, belong to one component of FREE cells, and ``exists`` is
-        True. No path leaves the grid, even if the outside is free: start and goal lie in the grid, straight edges
-        between such points stay there, and curves that leave it are not proven.
+        Only paths of such edges count. Unless the geometry decides, an edge of any drive is proven only if every closed
+        cell that it touches is FREE. The cells of the grid that contain a point of the edge form a block in position
+        and rotation, so they are joined through sides. Along the edge, the cells change only at points that lie in both
+        the old and the new cells. So all cells of a path, including those of start and goal, belong to one component of
+        FREE cells, and ``exists`` is True. No path leaves the grid, even if the outside is free: start and goal lie in
+        the grid, straight edges between such points stay there, and curves that leave it are not proven.
         """
         return exists is not False if self.exact else exists is True
 
     def describe_existence(self, exists: bool | None) -> str:
-        """Say whether a path is proven to exist, for the status of a plan without a path."""
+        """Say whether a path is proven to exist.
+
+        The text is for the status of a plan without a path.
+        """
         if exists is None:
             return "undecided whether one exists"
         return "a path exists" if self.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
 
     def describe_limits(self, endpoints: Endpoints) -> list[str]:
-        """Say which yaws are proven free at start and goal, if these are not all and the robot is not holonomic."""
+        """Name the yaws proven free at start and goal.
+
+        The text is empty if these are all, or if the robot is holonomic.
+        """
         if self.drive == HOLONOMIC:
             return []
         limits = []
@@ -530,9 +627,10 @@ class EdgesOnMap(LocalPlanner):
         return limits
 
     def _find_free_yaws(self, q: Configuration) -> tuple[float, float]:
-        """Return the range of yaws that FREE cells let the robot reach on the spot, unwrapped.
+        """Return the yaws that the robot reaches on the spot.
 
-        The range is a whole revolution if all rotation cells are FREE, or if that of ``q`` is not.
+        They are a range, unwrapped, within FREE cells. The range is a whole revolution if all rotation cells are FREE,
+        or if that of ``q`` is not.
         """
         rotations = self.space.rotations
         free = self.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
@@ -549,7 +647,10 @@ class EdgesOnMap(LocalPlanner):
         return "a finer spacing" + " or more rotations" * bool(self.space.rotations.names)
 
     def hints_without_chain(self, planner: str) -> list[str]:
-        """List what to try if no chain of FREE cells joins start and goal."""
+        """List what to try without a chain of FREE cells.
+
+        No such chain joins start and goal.
+        """
         exact = "planner='RRTConnect' with exact=True" if planner in (MAX_CLEARANCE, LATTICE) else "exact=True"
         part = "" if isinstance(self.space, CSpace) else " on space.window(lower, upper)"
         wider = ["a workspace with wider bounds"] * (self.space.outside == "free")
@@ -571,13 +672,19 @@ class EdgesOnMap(LocalPlanner):
 
 
 class StraightEdges(EdgesOnMap):
-    """Straight edges of a holonomic robot, which turns evenly and the shorter way, as in OMPL's SE(2) and SE(3)."""
+    """Straight edges of a holonomic robot.
+
+    It turns evenly and the shorter way, as in OMPL's SE(2) and SE(3).
+    """
 
     rotation_weight = METRES_PER_RADIAN
     follows_cells = True
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if the straight edge is proven free."""
+        """Return a function that proves straight edges free.
+
+        Call it as ``check(*q0, *q1)``.
+        """
         return self.space.edge_checker(exact=self.exact)
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
@@ -592,7 +699,10 @@ class StraightEdges(EdgesOnMap):
         return metres + self.rotation_weight * radians
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each edge into equal pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split each edge into short equal pieces.
+
+        They have at most ``step`` metres and ``rotation`` radians.
+        """
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
         centers = self.space.rotations._add_steps(
@@ -601,7 +711,10 @@ class StraightEdges(EdgesOnMap):
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Return a path with rows added so that the robot turns by at most 5 degrees between two; no direction."""
+        """Add rows to a path with rotations.
+
+        The robot turns by at most 5 degrees between two rows. The path has no direction.
+        """
         if len(path) < 2:
             return path, None
         steps, _, radians, counts = self._count_pieces(path, self.space.grid.spacing, MAX_RADIANS_PER_ROW)
@@ -615,7 +728,10 @@ class StraightEdges(EdgesOnMap):
         return np.concatenate([rows, path[-1:]]), None
 
     def _count_pieces(self, path: Floats, step: float, rotation: float) -> tuple[Floats, Floats, Floats, Ints]:
-        """Return the displacement along each edge, its metres and radians, and the number of its pieces."""
+        """Return the pieces of each edge.
+
+        The results are its displacement, its metres and radians, and the number of pieces.
+        """
         steps, metres, radians = self._displacements(path[:-1], path[1:])
         counts = np.maximum(np.ceil(np.maximum(metres / step, radians / rotation)), 1.0).astype(np.int64)
         return steps, metres, radians, counts
@@ -627,11 +743,11 @@ class StraightEdges(EdgesOnMap):
 
 
 class TurnDriveTurn(StraightEdges):
-    """Edges of a differential drive: it turns on the spot, drives straight on, and turns on the spot.
+    """Edges of a differential drive.
 
-    It turns the shorter way and drives with its x axis ahead. If it reverses, it drives backwards when that takes less
-    rotation. Each of the three parts is a straight edge of the map, and proven as one; :meth:`breakpoints` gives their
-    endpoints.
+    It turns on the spot, drives straight on, and turns on the spot. It turns the shorter way and drives with its x axis
+    ahead. If it reverses, it drives backwards when that takes less rotation. Each of the three parts is a straight edge
+    of the map, and proven as one; :meth:`breakpoints` gives their endpoints.
 
     OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`): its interpolation stays
     within 1e-8 of the map's side of the line, and its distance counts metres alone.
@@ -640,11 +756,17 @@ class TurnDriveTurn(StraightEdges):
     follows_cells = False
 
     def make_states(self) -> ob.StateSpace:
-        """Make OMPL's state space of curves that turn almost on the spot, without bounds."""
+        """Create OMPL's state space of almost sharp turns.
+
+        Its curves turn almost on the spot. It has no bounds.
+        """
         return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * self.space.grid.spacing * max(self.space.grid.shape))
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if all three parts of the edge are proven free."""
+        """Return a function that proves edges free.
+
+        ``check(*q0, *q1)`` returns True if all three parts of the edge are proven free.
+        """
         is_free, heading = self.space.edge_checker(exact=self.exact), self.heading
 
         def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
@@ -667,7 +789,10 @@ class TurnDriveTurn(StraightEdges):
         return total
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the metres of edges plus half the radians of their turns, shape (n,)."""
+        """Return the lengths of edges, with turns.
+
+        A length is its metres plus half the radians of the turns, shape (n,).
+        """
         offsets = ends[:, :2] - starts[:, :2]
         ahead, stays = np.arctan2(offsets[:, 1], offsets[:, 0]), (offsets == 0.0).all(axis=1)
         yaws = np.where(stays, starts[:, 2], ahead), np.where(stays, starts[:, 2], ahead + math.pi)
@@ -676,7 +801,10 @@ class TurnDriveTurn(StraightEdges):
         return np.asarray(np.linalg.norm(offsets, axis=1) + self.rotation_weight * least)
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-        """Return the yaw at which the robot drives along an edge, or ``yaw0`` if it only turns."""
+        """Return the yaw at which the robot drives.
+
+        It drives along an edge; the yaw is ``yaw0`` if it only turns.
+        """
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
@@ -690,7 +818,10 @@ class TurnDriveTurn(StraightEdges):
         return super().are_free(self.breakpoints(path))
 
     def breakpoints(self, path: Floats) -> Floats:
-        """Return a path with the configurations at which the robot begins to turn or to drive."""
+        """Insert the configurations at which a motion changes.
+
+        The robot begins to turn or to drive there.
+        """
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
@@ -700,9 +831,10 @@ class TurnDriveTurn(StraightEdges):
         return np.array(waypoints).reshape(-1, 3)
 
     def remove_turns(self, path: Floats) -> Floats:
-        """Return a path whose waypoints have the yaw of arrival, so that the robot turns once at each.
+        """Let the robot turn only once at each waypoint.
 
-        A waypoint keeps its yaw if the edges before and after it are not proven free with the other.
+        The waypoints of the result have the yaw of arrival. A waypoint keeps its yaw if the edges before and after it
+        are not proven free with the other.
         """
         check, rows = self.edge_checker(), path.tolist()
         for k in range(1, len(rows) - 1):
@@ -712,11 +844,17 @@ class TurnDriveTurn(StraightEdges):
         return np.array(rows).reshape(-1, 3)
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split the turns and drives of each edge into pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split turns and drives into short pieces.
+
+        They have at most ``step`` metres and ``rotation`` radians.
+        """
         return super().split_path(self.breakpoints(path), step, rotation)
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Return a path with rows added to turns, and the direction of each row: 1 ahead, -1 back, 0 on the spot."""
+        """Add rows to the turns of a path.
+
+        Returns the direction of each row too: 1 ahead, -1 back, 0 on the spot.
+        """
         rows, _ = super().resample(self.breakpoints(path))
         ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
         signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
@@ -724,7 +862,10 @@ class TurnDriveTurn(StraightEdges):
 
 
 class JointMotions(LocalPlanner):
-    """Motions of an arm: all joints move in step, continuous joints the shorter way."""
+    """Motions of an arm.
+
+    All joints move in step, continuous joints the shorter way.
+    """
 
     space: ArmSpace
     built_in_searches = (BIRRT,)
@@ -741,7 +882,10 @@ class JointMotions(LocalPlanner):
         return self.space.point_checker()
 
     def clearance_checker(self) -> Callable[..., float]:
-        """Make ``clearance(*q)``, a lower bound of the obstacle distance in metres; 0 beyond the joints' limits."""
+        """Return a function that bounds the obstacle distance.
+
+        ``clearance(*q)`` is a lower bound in metres; 0 beyond the joints' limits.
+        """
 
         def clearance(*q: float) -> float:
             try:
@@ -756,7 +900,10 @@ class JointMotions(LocalPlanner):
         return with_wrapped_angles(self.space.edge_checker(), self.space.periodic_axes)
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each motion of a path is proven free, shape (n - 1,), or (1,) for one configuration."""
+        """Return whether each motion is proven free.
+
+        For a path of n configurations, the result has shape (n - 1,), or (1,) if n is 1.
+        """
         starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return np.asarray(self.space.motion_is_free(starts, ends))
 
@@ -769,7 +916,10 @@ class JointMotions(LocalPlanner):
         seconds: float,
         iterations: int | None = None,
     ) -> Floats:
-        """Find a path by the arm's own search, "BiRRT", shape (n, size); the first one unless ``straight``."""
+        """Find a path by "BiRRT", the arm's own search.
+
+        It has shape (n, size), and is the first path unless ``straight``.
+        """
         searches = iterations if straight else 0
         start, *goals = endpoints
         return self.space.find_path(start, goals, straight=straight, iterations=searches, seed=seed, time_limit=seconds)
@@ -779,7 +929,10 @@ class JointMotions(LocalPlanner):
         return np.asarray(np.linalg.norm(shorter(ends - starts, self.space.periodic_axes), axis=1))
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return the length of a path in the joints, and 0 for its rotation."""
+        """Return the length of a path in the joints.
+
+        The second result is 0, for its rotation.
+        """
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
 
     def min_length(self, first: Floats, last: Floats) -> float:
@@ -791,7 +944,10 @@ class JointMotions(LocalPlanner):
         return math.nan
 
     def obstacle_distance(self, path: Floats) -> float:
-        """Bound the distance of links from obstacles, and from each other, along a path from below, metres."""
+        """Return a lower bound of the obstacle distance.
+
+        It holds along a path, between links and obstacles and between links, in metres.
+        """
         return self.space.path_obstacle_distance(path)
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
@@ -811,7 +967,9 @@ class JointMotions(LocalPlanner):
         return JOINT_CHECKING_STEP
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
-        """Return a start or goal moved onto the limits of its joints, with wrapped angles.
+        """Return a start or goal within the limits.
+
+        Joints are moved onto limits, and angles are wrapped.
 
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if it is no
         configuration.
@@ -871,7 +1029,10 @@ class JointMotions(LocalPlanner):
         raise ConfigurationError(name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest)
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Say which joints of a start or goal :meth:`check_endpoint` moves onto their limits; empty if none."""
+        """Name the joints that are moved onto their limits.
+
+        :meth:`check_endpoint` moves them, at a start or goal. The text is empty if there are none.
+        """
         arm, point = self.space.arm, self._check_size(q, name)
         excess = np.abs(arm._clamp(point) - point)
         rows = zip(arm.joints, excess.tolist(), arm.units, strict=True)
@@ -880,11 +1041,11 @@ class JointMotions(LocalPlanner):
 
 
 class CarCurves(EdgesOnMap):
-    """Edges along the shortest curve of a car, on a map with the axes x, y, yaw.
+    """Edges along the shortest curve of a car.
 
-    Each edge is proven along the curve itself, which is split into pieces. All cells that meet the box around a piece
-    must be FREE (:mod:`planners.car_curves`). A curve that leaves the grid is not proven. If several curves are equally
-    short, OMPL may drive another than ours, so all of them are proven.
+    The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into pieces. All cells
+    that meet the box around a piece must be FREE (:mod:`planners.car_curves`). A curve that leaves the grid is not
+    proven. If several curves are equally short, OMPL may drive another than ours, so all of them are proven.
     """
 
     rotation_weight = 0.0
@@ -899,7 +1060,10 @@ class CarCurves(EdgesOnMap):
         return _CURVE_SPACES[self.drive](self.radius)
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if the shortest curves are proven free."""
+        """Return a function that proves curves free.
+
+        ``check(*q0, *q1)`` returns True if the shortest curves are proven free.
+        """
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
 
@@ -910,9 +1074,10 @@ class CarCurves(EdgesOnMap):
         return make_curve_cost(self.space, self.kind, self.radius, field, density)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Make ``check(first, second)``, which returns True if OMPL's curve between its states is proven free.
+        """Return a function that proves OMPL's curves free.
 
-        OMPL's curve must be as short as ours, because only the shortest curves are proven.
+        ``check(first, second)`` returns True if the curve between two states of OMPL is proven free. OMPL's curve must
+        be as short as ours, because only the shortest curves are proven.
         """
         prove, states = kind_of(self.space).of_states(self.length_prover()), self.make_states()
         tolerance = 1e-6 * self.radius
@@ -924,7 +1089,10 @@ class CarCurves(EdgesOnMap):
         return check
 
     def length_prover(self) -> Callable[..., float]:
-        """Make ``prove(*q0, *q1)``, the metres of the shortest curve if it is proven free, otherwise -1."""
+        """Return a function that measures free curves.
+
+        ``prove(*q0, *q1)`` is the length of the shortest curve, in metres, if it is proven free, otherwise -1.
+        """
         from planners.car_curves import make_length_prover
 
         return make_length_prover(self.space, self.kind, self.radius)
@@ -938,7 +1106,10 @@ class CarCurves(EdgesOnMap):
         return self.radius * float(np.abs(self._word(first, last)[1]).sum())
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each curve into pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split each curve into short pieces.
+
+        They have at most ``step`` metres and ``rotation`` radians.
+        """
         curves = [self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
         if not curves:
             return Pieces(np.empty((0, 3)), np.empty(0), np.empty(0))
@@ -946,9 +1117,10 @@ class CarCurves(EdgesOnMap):
         return Pieces(centers, lengths, np.abs(rotations))
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Sample the curves between the rows of a path, at most a cell and 5 degrees apart.
+        """Sample the curves between the rows of a path.
 
-        The second result is the direction in which each row is reached: 1 ahead, -1 in reverse.
+        Samples are at most a cell and 5 degrees apart. The second result is the direction in which each row is reached:
+        1 ahead, -1 in reverse.
         """
         rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
         for a, b in itertools.pairwise(path):
@@ -983,7 +1155,10 @@ class CarCurves(EdgesOnMap):
         return CURVES.index(self.drive)
 
     def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
-        """Return the steering of a curve's segments (1, -1 or 0) and their lengths in radii, negative in reverse."""
+        """Return the steering and lengths of a curve.
+
+        The steering of its segments is 1, -1 or 0; lengths are in radii, negative in reverse.
+        """
         from planners.car_curves import shortest_word
 
         steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
@@ -1050,7 +1225,9 @@ def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:
 
 
 def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:
-    """Return the turning radius of a drive, in metres; None for drives without curves.
+    """Return the turning radius of a drive.
+
+    It is in metres; None for drives without curves.
 
     Raises InputError as :func:`local_planner`, which also compares the radius with the map's spacing.
     """
@@ -1082,20 +1259,29 @@ def format_point(point: Iterable[float]) -> str:
 
 
 def _is_endpoint_free(space: ConfigurationMap, q: Configuration, exact: bool) -> bool:
-    """Return True if the edge from a configuration to itself is proven free."""
+    """Return True if a configuration is proven free.
+
+    The proof is that of the edge from it to itself.
+    """
     if isinstance(space, CSpace):
         return space.edge_checker(exact=exact)(*q, *q)
     return space.motion_is_free(q, q, exact=exact)
 
 
 def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the edge of each piece, and its index on that edge, if edge k has ``counts[k]`` pieces."""
+    """Return the edge of each piece, and its index.
+
+    The index counts the pieces on that edge; edge k has ``counts[k]`` pieces.
+    """
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _segment_offsets(steering: Floats, lengths: Floats, yaws: Floats) -> Floats:
-    """Return the displacements along segments that start at some yaws, in turning radii, shape (n, 2)."""
+    """Return the displacements along segments.
+
+    Segments start at some yaws. The result, shape (n, 2), is in turning radii.
+    """
     after = yaws + steering * lengths
     x = np.where(steering, steering * (np.sin(after) - np.sin(yaws)), lengths * np.cos(yaws))
     y = np.where(steering, steering * (np.cos(yaws) - np.cos(after)), lengths * np.sin(yaws))

@@ -1,7 +1,7 @@
 """A search by OMPL, and its deadline.
 
 OMPL checks its termination condition only between two steps of a planner, but a single step, or the simplification of a
-path, may check thousands of edges. After the deadline all edges are refused without a look-up, so that the planner ends
+path, may check thousands of edges. After the deadline all edges are refused without a test, so that the planner ends
 soon and keeps its best path. If that does not end it, an exception does.
 """
 
@@ -38,7 +38,7 @@ from planners.setup import MakeObjective, make_setup, narrow_bounds
 from planners.states import Configuration, StateKind, kind_of
 
 GRACE_SECONDS: Final = 0.1
-"""Seconds between a deadline and the exception that callbacks then raise."""
+"""Seconds from a deadline until callbacks raise an exception."""
 
 _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """Outcomes that OMPL's planners report if nothing is wrong."""
@@ -47,39 +47,43 @@ NO_SEARCH: Final = "a single edge is free; no search needed"
 """Note of a path that is a single edge."""
 
 MAX_INITIAL_PATHS: Final = 8
-"""Largest number of quickly found paths, of which an optimising planner must beat the cheapest."""
+"""Largest number of quickly found paths; an optimising planner must beat the cheapest of these."""
 
 INITIAL_PATHS_TIME_SHARE: Final = 0.1
-"""Share of the time limit after which no further initial path is sought."""
+"""Fraction of the time limit after which no further initial path is sought."""
 
 CORNER_CUTTING_ROUNDS: Final = 8
-"""Rounds that cut the corners of a path that turns on the spot.
+"""Number of rounds that cut the corners of a path that turns on the spot.
 
 Twice as many rounds shortened paths by another 4 %, and took longer than the search.
 """
 
 PERTURBATION_SHARE: Final = 0.05
-"""Distance by which waypoints are moved to make a path cheaper, as a share of the state space's extent."""
+"""Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's extent."""
 
 ATTEMPTS_PER_ROUND: Final = 100
-"""Attempts to move waypoints or cut corners between two looks at the clock."""
+"""Attempts to move waypoints or cut corners between two checks of the time limit."""
 
 
 class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
-    """Signal that ends a search: callbacks raise it, and the caller of OMPL catches it."""
+    """Signal that ends a search at its deadline.
+
+    Callbacks raise it, and the caller of OMPL catches it.
+    """
 
 
 class Callbacks(Protocol):
-    """A checker, validator or objective, which OMPL calls."""
+    """A checker, validator or objective that OMPL calls."""
 
     def _override(self, replacement: Callable[..., Any] | None) -> None:
         """Replace the callback by a function; None restores it."""
 
 
 class Deadline:
-    """Context manager that ends the work of OMPL's callbacks after some seconds, and restores them on exit.
+    """Context manager that ends OMPL's work after some seconds.
 
-    A thread waits for the deadline, so that no callback has to read the clock.
+    It overrides callbacks of OMPL, and restores them on exit. A thread waits for the deadline, so that no callback has
+    to read the clock.
 
     Parameters
     ----------
@@ -99,7 +103,7 @@ class Deadline:
 
     @property
     def left(self) -> float:
-        """Seconds until the deadline, zero or above."""
+        """Seconds until the deadline, at least zero."""
         return max(0.0, self._end - clock())
 
     def __enter__(self) -> Deadline:
@@ -115,6 +119,7 @@ class Deadline:
             each._override(None)
 
     def _watch(self) -> None:
+        """Wait for the deadline, and override the callbacks; a thread runs it."""
         stages = (self._end, self._refusing, _refuse), (self._end + GRACE_SECONDS, self._raising, _raise)
         for end, callbacks, replacement in stages:
             while (left := end - clock()) > 0.0:  # the clock excludes compilation, which delays the deadline
@@ -125,10 +130,12 @@ class Deadline:
 
 
 def _refuse(*states: Any) -> bool:
+    """Return False for any states."""
     return False
 
 
 def _raise(*states: Any) -> bool:
+    """Raise OutOfTime for any states."""
     raise OutOfTime
 
 
@@ -141,15 +148,15 @@ class SearchResult:
     path : ndarray of float64, shape (n, size)
         Configurations that edges join; n is 0 if the goal was not reached.
     note : str
-        Remark on how the path was found, or why not; may be empty.
+        Remark on how the path was found, or why none was found; may be empty.
     planning, simplification : float
         Seconds that the steps took.
     proven : bool
         Whether all edges were proven free in a final check.
     lattice : str
-        What a lattice of headings proves; may be empty.
+        Proof by a lattice of headings, in words; may be empty.
     where : str
-        Part of the path on which the search failed, " from ... to ...", if the map has several tiles.
+        Part of the path that was not found, " from ... to ...", if the map has several tiles.
     """
 
     path: Floats
@@ -163,7 +170,7 @@ class SearchResult:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Options of a search.
+    """Planner and options of a search.
 
     Attributes
     ----------
@@ -190,7 +197,10 @@ class Search:
 
     @property
     def may_stop(self) -> bool:
-        """Whether the first path suffices, so that the planner may be stopped after some iterations."""
+        """Whether the planner may be stopped after some iterations.
+
+        The first path must suffice.
+        """
         return self.objective is None and self.iterations is None and self.planner == planner_named(None)
 
     def run(
@@ -201,11 +211,11 @@ class Search:
         *,
         joined: bool = False,
     ) -> SearchResult:
-        """Search a path between configurations from which motions can be proven free.
+        """Search for a path between configurations.
 
         The goals are sorted by their distance from the start. The limit, in seconds, covers the search and the
-        simplification, but neither caches of the map nor compilation. If FREE cells are known to join start and goal
-        (``joined``), the search stays in the box around their component.
+        simplification, but neither caches of the map nor compilation. With ``joined``, FREE cells are known to join
+        start and goal, so the search stays in the bounding box of their component.
         """
         with _silence():
             if self.seed is not None:
@@ -225,9 +235,10 @@ class Search:
     def _is_shortest(
         self, edges: LocalPlanner, setup: og.SimpleSetup, start: Configuration, goal: Configuration
     ) -> bool:
-        """Return True if the objective is the length and the single edge from start to goal is free.
+        """Return True if a single free edge is the shortest path.
 
-        This is not only faster: OMPL's SORRTstar never returns once it has found a path of the least possible length.
+        The objective must be the length. Testing this edge first saves time, and OMPL's SORRTstar never returns once it
+        has found a path of the least possible length.
         """
         objective = setup.getOptimizationObjective()
         by_length = self.objective is None or self.planner in THREADED_PLANNERS
@@ -237,7 +248,10 @@ class Search:
 
 
 class _Run:
-    """One search: OMPL's objects, and the callbacks that a deadline overrides."""
+    """OMPL's objects for one search.
+
+    A deadline overrides their callbacks.
+    """
 
     def __init__(self, search: Search, edges: LocalPlanner, setup: og.SimpleSetup, endpoints: Endpoints) -> None:
         self._search, self._edges, self._setup, self._endpoints = search, edges, setup, endpoints
@@ -249,7 +263,10 @@ class _Run:
         self._raising: list[Callbacks] = [] if search.planner in THREADED_PLANNERS else raising
 
     def solve(self, time_limit: float) -> SearchResult:
-        """Search a path and simplify it, within the time limit in seconds."""
+        """Search for a path and simplify it.
+
+        ``time_limit`` is in seconds.
+        """
         setup, states = self._setup, []
         for end in self._endpoints:
             states.append(setup.getStateSpace().allocState())
@@ -306,7 +323,10 @@ class _Run:
                 return status
 
     def _optimise_on_roadmap(self) -> None:
-        """Replace the path of a planner that cannot call our objective by the shortest one on its roadmap."""
+        """Replace the path by the shortest one on the roadmap.
+
+        Only planners that cannot call our objective need this.
+        """
         setup, make = self._setup, self._search.objective
         if self._search.planner not in THREADED_PLANNERS or make is None or not setup.haveExactSolutionPath():
             return
@@ -314,6 +334,7 @@ class _Run:
         roadmap = ob.PlannerData(si)
         setup.getPlanner().getPlannerData(roadmap)
         vertices = range(roadmap.numVertices())
+        # Dijkstra's search on the roadmap, with the lengths that the objective counts.
         states, ends_of = [roadmap.getVertex(v).getState() for v in vertices], [roadmap.getEdges(v) for v in vertices]
         starts, ends = np.repeat(vertices, [len(each) for each in ends_of]), np.concatenate(ends_of).astype(np.int64)
         rows = np.array([self._kind.read(state) for state in states])
@@ -332,14 +353,15 @@ class _Run:
 
     @property
     def _default_planner(self) -> str:
-        """Name of the planner that mostly finds a path soonest."""
+        """Name of the planner that is mostly the fastest."""
         return planner_named(None, self._edges.drive)
 
     def _find_initial_path(self, deadline: Deadline) -> og.PathGeometric | None:
-        """Find a path that a planner with an objective must beat, in case it finds its own too late.
+        """Find a path that a slow planner must beat.
 
-        It is the cheapest of several paths, which often pass obstacles on different sides. One round of improvement
-        tells which is cheapest, because it brings most of the gain.
+        It serves planners with an objective, which may find their first path too late. It is the cheapest of several
+        paths, which often pass obstacles on different sides. One round of improvement tells which is cheapest, because
+        it brings most of the gain.
         """
         setup, best, limit = self._setup, None, deadline.left
         if self._search.objective is None or self._search.planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
@@ -359,7 +381,10 @@ class _Run:
         return None if best is None else self._improve(best, deadline)
 
     def _improve(self, path: og.PathGeometric, deadline: Deadline, rounds: int = sys.maxsize) -> og.PathGeometric:
-        """Return a cheaper path that is proven free, or a copy of the path if none is found."""
+        """Return a cheaper path, or a copy of the path.
+
+        A cheaper path is proven free.
+        """
         objective, better = self._setup.getOptimizationObjective(), og.PathGeometric(path)
         with suppress(OutOfTime):
             self._improve_in_place(better, deadline, rounds)
@@ -368,7 +393,10 @@ class _Run:
         return og.PathGeometric(path)
 
     def _improve_in_place(self, path: og.PathGeometric, deadline: Deadline, rounds: int = sys.maxsize) -> None:
-        """Cut corners and move waypoints while that makes the path cheaper and time is left."""
+        """Make a path cheaper while time is left.
+
+        Corners are cut and waypoints are moved, in at most ``rounds`` rounds.
+        """
         setup, objective = self._setup, self._setup.getOptimizationObjective()
         simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
         step, last = PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent(), objective.infiniteCost()
@@ -381,7 +409,10 @@ class _Run:
             simplifier.perturbPath(path, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
 
     def _make_termination(self, seconds: float) -> ob.PlannerTerminationCondition:
-        """Make OMPL's termination condition, by seconds and by the number of iterations."""
+        """Create OMPL's termination condition.
+
+        It ends the search after some seconds or iterations.
+        """
         if self._search.iterations is None:
             return ob.timedPlannerTerminationCondition(seconds)
         checks, max_checks = itertools.count(1), self._search.iterations
@@ -389,21 +420,22 @@ class _Run:
         return ob.PlannerTerminationCondition(lambda: next(checks) > max_checks or clock() > end)
 
     def _simplify(self, path: Floats, seconds: float) -> Floats:
-        """Return OMPL's simplification of a path, without needless turns.
+        """Simplify a path by OMPL, and remove needless turns.
 
-        If that is worse by the objective or no longer proven free, only needless turns are removed.
+        ``path`` has shape (n, size). If the result is worse by the objective or not proven free, only needless turns
+        are removed.
         """
         setup, edges, objective = self._setup, self._edges, self._setup.getOptimizationObjective()
-        weighs = objective is not None and not getattr(objective, "is_length", False)
-        cost = setup.getSolutionPath().cost(objective) if weighs else None
+        has_weights = objective is not None and not getattr(objective, "is_length", False)
+        cost = setup.getSolutionPath().cost(objective) if has_weights else None
         fallback = edges.remove_turns(path)
         try:
             with Deadline(seconds, self._refusing, self._raising) as deadline:
-                if weighs and isinstance(objective, WeightedLength):
+                if has_weights and isinstance(objective, WeightedLength):
                     self._improve_in_place(setup.getSolutionPath(), deadline)
                 else:
                     setup.simplifySolution(ob.timedPlannerTerminationCondition(seconds))
-                if not weighs and isinstance(objective, WeightedLength):
+                if not has_weights and isinstance(objective, WeightedLength):
                     # If edges differ on the way back, OMPL's simplification only leaves states out.
                     simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
                     for _ in range(CORNER_CUTTING_ROUNDS):
@@ -414,7 +446,7 @@ class _Run:
         simple = self._rows(solution)
         if not self._kind.reached_goal(simple, self._endpoints) or not edges.are_free(simple):
             return fallback
-        if weighs:
+        if has_weights:
             return (
                 fallback if objective.isCostBetterThan(cost, solution.cost(objective)) else edges.remove_turns(simple)
             )
@@ -424,13 +456,19 @@ class _Run:
         return simple if lengths[0] <= lengths[1] * (1.0 + 1e-12) else fallback
 
     def _rows(self, path: og.PathGeometric) -> Floats:
-        """Return the configurations of a path of OMPL, shape (n, size)."""
+        """Return the configurations of an OMPL path.
+
+        The result has shape (n, size).
+        """
         return self._kind.unwind(np.array([self._kind.read(state) for state in path.getStates()]))
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Suppress OMPL's messages; the result reports the important ones."""
+    """Suppress OMPL's messages.
+
+    The result of the search reports the important ones.
+    """
     level = ou.getLogLevel()
     ou.setLogLevel(ou.LOG_NONE)
     try:

@@ -73,14 +73,18 @@ def _make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
 
 
 def _set_resolution(si: ob.SpaceInformation, edges: LocalPlanner) -> None:
-    """Set the distance between states that OMPL checks when it steps along a motion by itself."""
+    """Set the distance between states that OMPL checks.
+
+    OMPL uses it when it steps along a motion by itself.
+    """
     si.setStateValidityCheckingResolution(edges.checking_step / si.getStateSpace().getMaximumExtent())
 
 
 def narrow_bounds(setup: og.SimpleSetup, edges: EdgesOnMap, start: Configuration) -> None:
-    """Bound the states of a set-up by the box around the start's component of FREE cells.
+    """Limit the states of a set-up to a component.
 
-    This loses no path: a path through FREE cells of the grid stays in that box.
+    Its bounds become the bounding box of the start's component of FREE cells. This loses no path: a path through FREE
+    cells of the grid stays in that box.
     """
     space = edges.space
     lower, upper = space.reachable_bounds(start)
@@ -102,9 +106,9 @@ def simple_setup(
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> og.SimpleSetup:
-    """Make OMPL's SimpleSetup with the states, proofs of motions and samples of a map or an arm.
+    """Create OMPL's SimpleSetup for a map or an arm.
 
-    Choose a planner, set start and goal, and solve::
+    It has the states, the proofs of motions and the sampler. Choose a planner, set start and goal, and solve::
 
         setup = planners.simple_setup(space)
         setup.setPlanner(ompl.geometric.RRTConnect(setup.getSpaceInformation()))
@@ -117,8 +121,7 @@ def simple_setup(
     rng : numpy.random.Generator, optional
         Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
     valid_state_sampler : callable, optional
-        Given the space information, returns an ``ompl.base.ValidStateSampler`` that replaces
-        :class:`FreeStateSampler`.
+        Given the space information, returns an ``ompl.base.ValidStateSampler`` that replaces :class:`FreeStateSampler`.
     exact : bool
         Whether the geometry itself decides states and motions that the map does not. Valid states are then drawn from
         the whole map and tested, because they need not lie in FREE cells.
@@ -172,7 +175,10 @@ def make_setup(
 def _choose_sampler(
     si: ob.SpaceInformation, edges: LocalPlanner, rng: np.random.Generator | None, sampler: MakeSampler | None
 ) -> MakeSampler:
-    """Return the function that makes the valid state samplers. It must not hold ``si``, which holds it."""
+    """Return the function that makes valid state samplers.
+
+    The function must not hold ``si``, because ``si`` holds the function.
+    """
     space, exact = edges.space, edges.exact
     if rng is not None:
         check_rng(rng)
@@ -194,7 +200,10 @@ def _choose_sampler(
 def _make_checked(
     make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
 ) -> object:
-    """Call the user's function and check the type of the object that it makes."""
+    """Call a user's function and check the result's type.
+
+    The function makes an object of OMPL from ``si``.
+    """
     made = make(si)
     if not isinstance(made, kind):
         rule, hint = f"it must return an ompl.base.{kind.__name__}", "pass a function that takes the space information"

@@ -146,7 +146,9 @@ class Trajectory:
         return positions, velocities, accelerations
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw speed and angular speed over time, or the velocity of each joint.
+        """Draw speed and angular speed over time.
+
+        For an arm, draw the velocity of each joint.
 
         Parameters
         ----------
@@ -238,7 +240,10 @@ class Trajectory:
 def write_csv(
     path: str | os.PathLike[str], overwrite: bool, names: Sequence[str], rows: Iterable[Sequence[float]]
 ) -> None:
-    """Write a row of names and rows of numbers as CSV, for :meth:`planners.Plan.to_csv`."""
+    """Write names and rows of numbers as CSV.
+
+    See :meth:`planners.Plan.to_csv`.
+    """
     with replacing(path, overwrite) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
@@ -246,7 +251,9 @@ def write_csv(
 
 
 class DrivenPath(NamedTuple):
-    """A path to be given times, and how the robot moves along it.
+    """A path that gets times, and its motion.
+
+    The motion is how the robot moves along the path.
 
     Attributes
     ----------
@@ -320,9 +327,9 @@ def make_trajectory(
 
 
 def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool) -> Floats:
-    """Return checked limits: of each axis, shape (k,), or of the whole translation, shape ().
+    """Return checked limits of the axes.
 
-    ``known`` are the defaults of axes.
+    They have shape (k,), or shape () for the whole translation. ``known`` are the defaults of axes.
     """
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
@@ -370,9 +377,10 @@ def _split_curves(path: DrivenPath) -> Segments:
 
 
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
-    """Return the segments between points, shape (m + 1, size), except very short ones.
+    """Return the segments between points.
 
-    ``steps``, shape (m, k), are the lengths times the rates; ``radians`` turn the direction of motion.
+    Points have shape (m + 1, size). Very short segments are left out. ``steps``, shape (m, k), are the lengths times
+    the rates; ``radians`` turn the direction of motion.
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
@@ -382,7 +390,10 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
 
 
 def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
-    """Return the largest rate of each segment's length within the limits, shape (m,)."""
+    """Return the largest rate of each segment.
+
+    The rate of its length stays within the limits. The result has shape (m,).
+    """
     parts = [np.abs(rates[:, :dim]) if linear.ndim else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)]
     limits = [np.atleast_1d(linear)]
     if angular is not None:
@@ -441,7 +452,10 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:
-    """Return the times of the rows: phases are cut into steps of at most ``time_step`` seconds."""
+    """Return the times of the rows of a trajectory.
+
+    Phases are cut into steps of at most ``time_step`` seconds.
+    """
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
     if counts.sum() >= MAX_ROWS:
         rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"

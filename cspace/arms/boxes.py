@@ -220,11 +220,12 @@ def may_touch(scene: Scene, pair: int, box: JointBox, scratch: SceneScratch) -> 
 
 @kernel
 def displacement_bounds(scene: Scene, a: int, b: int, box: JointBox, scratch: SceneScratch) -> tuple[float, float]:
-    """Bound the motion of body a, as seen from b, in a box.
+    """Return bounds of the relative motion of two bodies.
 
-    Returns the translation of its origin and its rotation. A joint translates the origin by at most its travel times
-    the distance from its axis. That distance is at most its value at the center plus the part that the other joints
-    between can add, and never more than the lengths between.
+    They hold for body a, as seen from body b, in a whole box of joint values. Returns the translation of its origin and
+    its rotation. A joint translates the origin by at most its travel times the distance from its axis. That distance is
+    at most its value at the center plus the part that the other joints between can add, and never more than the lengths
+    between.
     """
     chain, poses, moving, lengths = scene.chain, scratch.poses, scene.chain.between[a, b], scene.chain.lengths[a]
     origin = column(poses[a], 3)
@@ -251,9 +252,9 @@ def displacement_bounds(scene: Scene, a: int, b: int, box: JointBox, scratch: Sc
 
 @kernel
 def center_box(cells: JointCells, scene: Scene, block: Ints, box: JointBox) -> float:
-    """Set a box to a block of cells, including the rounding of queries.
+    """Set a box to a block of cells.
 
-    Returns the required distance.
+    It includes the rounding of queries. Returns the required distance.
     """
     for axis in range(3):
         number = cells.joint_indices[axis]

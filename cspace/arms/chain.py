@@ -208,9 +208,9 @@ def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: F
 
 @kernel
 def place_bodies(chain: Chain, points: Floats, bodies: Ints, scratch: Floats, poses: Floats) -> None:
-    """Write the poses of some bodies, shape (n, k, 4, 4), at configurations, shape (n, dof).
+    """Write the poses of some bodies.
 
-    ``scratch`` has shape (b, 3, 6).
+    They have shape (n, k, 4, 4), at configurations of shape (n, dof). ``scratch`` has shape (b, 3, 6).
     """
     for n in range(len(points)):
         forward_kinematics(chain, points[n], points[n], 0.0, scratch)
@@ -223,9 +223,9 @@ def place_bodies(chain: Chain, points: Floats, bodies: Ints, scratch: Floats, po
 
 
 def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | None = None) -> Floats:
-    """Return the pose of each body, or of some, shape (..., b, 4, 4).
+    """Return the poses of bodies.
 
-    The configurations have shape (..., dof).
+    They have shape (..., b, 4, 4), for all bodies or for some. The configurations have shape (..., dof).
     """
     chosen = np.arange(len(chain.parents)) if bodies is None else np.array(bodies, dtype=np.int64)
     points = as_contiguous(q.reshape(-1, q.shape[-1]))

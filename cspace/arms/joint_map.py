@@ -370,9 +370,9 @@ def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats
 
 
 class JointProofs:
-    """Proofs by an arm in a scene, for the joints of a map.
+    """Proofs by an arm, for a map of joints.
 
-    See :class:`cspace.exact.boundaries.Proofs`.
+    The arm is in a scene with obstacles. See :class:`cspace.exact.boundaries.Proofs`.
 
     Parameters
     ----------

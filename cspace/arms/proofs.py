@@ -162,7 +162,10 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
 
 
 def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
-    """Return whether each motion, shapes (n, dof), is proven free, in one thread."""
+    """Return whether each motion is proven free.
+
+    Motions lead from ``firsts`` to ``lasts``, shapes (n, dof). One thread computes the result, shape (n,).
+    """
     out = np.empty(len(firsts), dtype=np.bool_)
     motions_are_free(scene, firsts, lasts, out, make_scene_scratch(scene))
     return out

@@ -72,7 +72,10 @@ class Engine(Protocol):
         """
 
     def bytes_needed(self, shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-        """Return the peak memory of :meth:`collide`, in bytes, excluding its input and results."""
+        """Return the peak memory of :meth:`collide`, in bytes.
+
+        Input and results are excluded.
+        """
 
 
 ENGINES: Final[dict[str, Engine]] = {"fft": fft, "direct": dilation}

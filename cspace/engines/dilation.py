@@ -120,7 +120,9 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
 
 
 class ClippedRuns(NamedTuple):
-    """Runs, along the last axis, of the offsets of a raster that can fall on a map.
+    """Runs of the offsets of a raster.
+
+    They lie along the last axis. Only offsets that can fall on a map are included.
 
     Attributes
     ----------

@@ -54,31 +54,31 @@ from cspace.raster import Raster
 from cspace.threads import cores, in_threads
 
 MAX_ERROR = 0.25
-"""Maximum proven error of a transform from which overlaps are rounded."""
+"""Largest proven error of a transform from which overlaps are rounded."""
 
 UNIT_ROUNDOFF = {"float32": 2.0**-24, "float64": 2.0**-53}
 """Unit roundoff of each precision."""
 
 MAX_SUM_BITS = 50
-"""Maximum bits of a sum whose digits are the overlaps with several rasters."""
+"""Largest number of bits of a sum whose digits are the overlaps with several rasters."""
 
 _PASS_ERRORS = {2: 4.3, 3: 14.0, 5: 23.0}
-"""Relative error of a pass, in units of the roundoff, by its radix."""
+"""Relative error of a pass of a transform, in units of the roundoff, by its radix."""
 
 TILE_TASKS_PER_THREAD = 8
-"""Tasks for each thread, so that all threads finish at about the same time."""
+"""Number of tasks for each thread, so that all threads finish at about the same time."""
 
 MIN_INVERSES_PER_TASK = 4
-"""Minimum inverse transforms in one task, because each task computes the spectrum of its tile afresh."""
+"""Smallest number of inverse transforms in a task, because each task computes the spectrum of its tile again."""
 
 TIMED_SIZES: Final = tuple(2**k for k in (12, 14, 16, 18, 20, 22))
-"""Points of the transforms that were timed, once, on two cores of a server."""
+"""Numbers of points of the transforms that were timed, on two cores of a server."""
 
 SECONDS_PER_POINT: Final = {
     "float32": (2.4e-9, 2.5e-9, 2.5e-9, 2.6e-9, 3.0e-9, 4.8e-9),
     "float64": (3.4e-9, 3.5e-9, 3.6e-9, 4.0e-9, 7.0e-9, 14.0e-9),
 }
-"""Half the time per point of a tile's transforms, forward and back, and of the work on its numbers, by size."""
+"""Half the time per point of a tile, in seconds, for each of TIMED_SIZES, by precision."""
 
 SECONDS_PER_TILE: Final = 4e-5
 """Time per tile, in seconds, independent of its size."""
@@ -93,19 +93,19 @@ class Tiling:
     tile : tuple of int
         Transform length along each axis.
     step : tuple of int
-        Results of one tile along each axis.
+        Number of results of a tile along each axis.
     precision : str
         "float32" or "float64".
     error : float
         Proven bound of the error of an overlap.
     digits : int
-        Rasters that share a transform.
+        Number of rasters that share a transform.
     stack : int
-        Tiles that share a transform.
+        Number of tiles that share a transform.
     bits : int
-        Bits of the overlaps with one raster in a sum.
+        Number of bits of the overlaps with one raster in a sum.
     pieces : int
-        Parts that the rasters of a tile are split into, so that all threads have work.
+        Number of parts into which the rasters of a tile are split, so that all threads have work.
     """
 
     tile: tuple[int, ...]
@@ -127,10 +127,11 @@ class Tiling:
 def choose_tiling(
     shape: Sequence[int], extent: Sequence[int], count: int, threads: int = 1, rasters: int = 1
 ) -> Tiling:
-    """Return the cheapest tiling whose proven error stays below a quarter.
+    """Choose the cheapest tiling for exact overlaps.
 
-    ``shape`` is the map's shape, and ``extent`` the size of the robots' common bounding box, in cells; ``count`` is the
-    largest number of offsets in a raster. Each of the ``threads`` works on its own tile.
+    Its proven error stays below a quarter. ``shape`` is the map's shape, and ``extent`` the size of the robots' common
+    bounding box, in cells; ``count`` is the largest number of offsets in a raster. Each of the ``threads`` works on a
+    tile of its own. Raises OverflowError if no tiling is exact.
     """
     candidates = [_lengths(n, r) for n, r in zip(shape, extent, strict=True)]
     bits = count.bit_length()
@@ -139,6 +140,8 @@ def choose_tiling(
     for axes in itertools.product(*candidates):
         tile, counts = zip(*axes, strict=True)
         tiles = math.prod(counts)
+        # The more rasters and tiles share a transform, the cheaper it is, but the larger its error. So try the largest
+        # number first.
         for precision in UNIT_ROUNDOFF:
             transform_cost = transform_seconds(math.prod(tile), precision)
             for shares in range(min(max_shares, rasters * tiles), 0, -1):
@@ -164,9 +167,9 @@ def choose_tiling(
 
 @cache
 def transform_seconds(size: int, precision: str) -> float:
-    """Return half the time of a tile of ``size`` points.
+    """Estimate half the time of a tile, in seconds.
 
-    It covers one transform and its share of the rest.
+    The tile has ``size`` points. It covers one transform and its share of the rest.
     """
     known = SECONDS_PER_POINT[precision]
     position = max(math.log2(size / TIMED_SIZES[0]) / 2.0, 0.0)
@@ -178,9 +181,9 @@ def transform_seconds(size: int, precision: str) -> float:
 
 
 def _lengths(cells: int, extent: int) -> list[tuple[int, int]]:
-    """Return useful transform lengths with their number of tiles.
+    """List useful transform lengths along an axis.
 
-    Only the shortest length for each number is useful.
+    Each comes with its number of tiles. Only the shortest length for each number of tiles is useful.
     """
     whole = fast_length(cells + extent - 1)
     shortest = min(whole, max(extent + extent // 2, 64))
@@ -191,13 +194,13 @@ def _lengths(cells: int, extent: int) -> list[tuple[int, int]]:
 
 
 def fast_length(minimum: int) -> int:
-    """Return the smallest fast transform length that is at least ``minimum``."""
+    """Return the smallest fast length of at least ``minimum``."""
     return min(length for length in _fast_lengths(2 * minimum) if length >= minimum)
 
 
 @cache
 def _fast_lengths(maximum: int) -> tuple[int, ...]:
-    """Return the fast transform lengths, up to a maximum.
+    """List the fast transform lengths up to ``maximum``.
 
     They are powers of two times 1, 3, 5, 9 or 15.
     """
@@ -207,9 +210,9 @@ def _fast_lengths(maximum: int) -> tuple[int, ...]:
 
 @cache
 def growth(length: int) -> float:
-    """Sum the pass errors of a transform.
+    """Return the sum of pass errors of a transform.
 
-    Its length has no prime factor above 5.
+    The errors are in units of the roundoff. Raises ValueError if the length has a prime factor above 5.
     """
     total = 0.0
     for prime, constant in _PASS_ERRORS.items():
@@ -222,11 +225,12 @@ def growth(length: int) -> float:
 
 
 def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1) -> float:
-    """Bound the rounding error of an overlap count that transforms compute on a tile.
+    """Return an upper bound of the rounding error of overlaps.
 
-    ``tile`` is the transform lengths, and ``count`` the largest number of offsets in a robot raster. Several rasters
-    and tiles may share a transform, each as a digit of one number to the base ``2 ** count.bit_length()``; ``digits``
-    is the number of such pairs. The certificate page has the proof and the constants.
+    The overlap counts are computed by transforms on a tile. ``tile`` is the transform lengths, and ``count`` the
+    largest number of offsets in a robot raster. Several rasters and tiles may share a transform, each as a digit of one
+    number to the base ``2 ** count.bit_length()``; ``digits`` is the number of such pairs. The certificate page has the
+    proof and the constants.
     """
     passes = sum(growth(length) for length in tile)
     transforms = 2 if precision == "float32" else 3
@@ -236,6 +240,8 @@ def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1
 
 
 Corner = tuple[int, ...]
+"""First cell of a tile's results."""
+
 Item = TypeVar("Item")
 
 PRECISION: Final = "float64"
@@ -245,16 +251,16 @@ COUNTS: Final = True
 """True if the engine can count overlaps."""
 
 MAX_SPECTRA_PER_THREAD: Final = 3
-"""Maximum number of arrays as large as a tile's spectrum that a thread uses at once."""
+"""Largest number of arrays of the size of a tile's spectrum that a thread uses at once."""
 
 MAX_SPECTRA_BYTES: Final = 2**25
-"""Memory for robot spectra; more rasters than fit are transformed in several rounds."""
+"""Memory for robot spectra, bytes; if more rasters are needed, they are transformed in several rounds."""
 
 MAX_MIXED_FRACTION: Final = 0.8
 """Fraction of mixed lines in a tile above which constant lines are transformed too, which saves a copy."""
 
 ROUNDING_OFFSET: Final = 1.5 * 2.0**52
-"""Adding this rounds a number below 2^50 to a whole number, stored in the low bits of the sum."""
+"""Number whose addition rounds a number below 2^50 to a whole number, in the low bits of the sum."""
 
 
 def collide(
@@ -267,9 +273,10 @@ def collide(
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> str:
-    """Correlate one bitmap with several rasters; see :class:`cspace.engines.Engine`.
+    """Correlate one bitmap with several rasters.
 
-    With one worker everything runs in the calling thread, where ``scipy.fft.set_backend`` holds.
+    See :class:`cspace.engines.Engine`. With one worker everything runs in the calling thread, where
+    ``scipy.fft.set_backend`` holds.
     """
     shape = occupied.shape
     clipped = [ClippedRaster.clip(raster, shape, outside) for raster in rasters]
@@ -280,6 +287,7 @@ def collide(
     if not used:
         return "float32"
 
+    # Rounds keep the memory of the robot spectra bounded; in each, tasks compute stacks of tiles for some rasters.
     threads = workers or cores()
     lower, tiling = _choose_window([raster for raster, _ in used], shape, threads)
     corners = list(itertools.product(*(range(0, n, s) for n, s in zip(out[0].shape, tiling.step, strict=True))))
@@ -302,7 +310,10 @@ def collide(
 
 
 def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-    """Return the peak memory of :func:`collide`, in bytes, excluding its input and results."""
+    """Return the peak memory of :func:`collide`, in bytes.
+
+    Input and results are excluded.
+    """
     used = [raster for raster in (ClippedRaster.clip(raster, shape, False) for raster in rasters) if raster.cells.size]
     if not used:
         return 0
@@ -316,9 +327,9 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
 def _choose_window(
     rasters: Sequence[ClippedRaster], shape: Sequence[int], threads: int
 ) -> tuple[tuple[int, ...], Tiling]:
-    """Return the first offset and the tiling of a common window.
+    """Return first offset and tiling of a common window.
 
-    All rasters share the window, and so its tiles and their spectra.
+    All rasters share the window, and so the tiles and their spectra.
     """
     axes = range(len(shape))
     lower = tuple(min(raster.lower[a] for raster in rasters) for a in axes)
@@ -327,7 +338,10 @@ def _choose_window(
 
 
 def _split(items: Sequence[Item], part: int, parts: int) -> Sequence[Item]:
-    """Return a part of a sequence that is cut into parts of about equal length."""
+    """Return part `part` of `parts` of a sequence.
+
+    The parts have about equal length.
+    """
     return items[len(items) * part // parts : len(items) * (part + 1) // parts]
 
 
@@ -348,7 +362,8 @@ def _write(out: NDArray[Any], value: Any, add: bool) -> None:
 class ClippedRaster:
     """Offsets of a raster that can fall on the map.
 
-    ``constant`` is the overlap of all others, which is the same at every cell.
+    ``constant`` is the overlap of all other offsets, which is the same at every cell. ``count`` is the number of cells
+    that are set.
     """
 
     cells: Bools
@@ -374,9 +389,10 @@ class ClippedRaster:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Corner of a tile's results, with its obstacle counts.
+    """A tile of the map, with its obstacle counts.
 
-    ``first`` is its first cell on three axes; ``counts`` has an entry for each line.
+    ``corner`` is the first cell of its results, and ``first`` its first cell on three axes. ``counts`` has an entry for
+    each line.
     """
 
     corner: Corner
@@ -385,12 +401,17 @@ class Tile:
 
 
 Member = tuple[ClippedRaster, NDArray[Any]]
+"""A raster, and the array for its results."""
+
 Group = Sequence[Member]
+"""Rasters that share a transform."""
+
 Spectrum = NDArray[Any]
+"""Complex spectrum of a tile or robot."""
 
 
 class _TileRun:
-    """Tiles of one correlation, with the settings that they share."""
+    """Tiles of one correlation, and their settings."""
 
     def __init__(
         self,
@@ -405,9 +426,9 @@ class _TileRun:
         self.real = np.dtype(tiling.precision)
 
     def robot_spectrum(self, members: Group, threads: int = 1) -> Spectrum:
-        """Return the conjugate spectrum of rasters, as digits of one.
+        """Return the conjugate spectrum of several rasters.
 
-        It is transformed in float64, from non-empty rows only.
+        The rasters are the digits of one array. It is transformed in float64, from non-empty rows only.
         """
         starts = [tuple(p - q for p, q in zip(raster.lower, self.lower, strict=True)) for raster, _ in members]
         stops = [np.add(start, raster.cells.shape) for start, (raster, _) in zip(starts, members, strict=True)]
@@ -454,7 +475,10 @@ class _TileRun:
         return None
 
     def _write_overlaps(self, member: Member, sums: NDArray[Any], corner: Corner) -> None:
-        """Write the results of one raster from an inverse transform."""
+        """Write the results of one raster.
+
+        They come from an inverse transform.
+        """
         raster, result = member
         view = self._result_view(result, corner)
         centered = sums[tuple(slice(n) for n in view.shape)]
@@ -468,7 +492,10 @@ class _TileRun:
             view[...] = np.rint(centered + np.float64(missing))
 
     def _write_digits(self, members: Group, sums: NDArray[Any], tiles: Sequence[Tile]) -> None:
-        """Write the results whose overlaps are the digits of one sum."""
+        """Write the results of several rasters and tiles.
+
+        Their overlaps are the digits of each sum.
+        """
         bits = self.tiling.bits
         digits = [
             (bits * (self.tiling.digits * stacked + digit), member, tile.corner)
@@ -498,13 +525,13 @@ class _TileRun:
                 view[...] = (shifted & ones) + raster.constant
 
     def _result_view(self, result: NDArray[Any], corner: Corner) -> NDArray[Any]:
-        """Return the part of a result that a tile computes."""
+        """Return the part of a result for one tile."""
         return result[tuple(slice(start, start + step) for start, step in zip(corner, self.tiling.step, strict=True))]
 
     def _spectrum(self, tiles: Sequence[Tile]) -> Spectrum:
-        """Return the spectrum of W - 1/2 over tiles, as digits of one.
+        """Return the spectrum of several tiles.
 
-        Constant lines and layers are not transformed.
+        The tiles, as W - 1/2, are the digits of one array. Constant lines and layers are not transformed.
         """
         tile, length = self.tiling.tile, self.tiling.tile[-1]
         scales = [2.0 ** (self.tiling.bits * self.tiling.digits * stacked) for stacked in range(len(tiles))]
@@ -519,6 +546,7 @@ class _TileRun:
         for scale, contents in zip(scales, tiles, strict=True):
             levels += scale * (contents.counts - length / 2)
         layers = lines.reshape(*mixed.shape, -1) if mixed.all() else place_lines(mixed, levels, lines)
+        # Along the second axis, only the layers that are not constant are transformed.
         if len(tile) == 3:
             changing = np.flatnonzero(mixed.any(axis=1) | (levels != levels[:, :1]).any(axis=1))
             low, high = (int(changing[0]), int(changing[-1]) + 1) if changing.size else (0, 0)
@@ -531,7 +559,7 @@ class _TileRun:
         return np.asarray(scipy.fft.fft(layers.reshape(*tile[:-1], -1), axis=0, overwrite_x=True))
 
     def _invert(self, product: NDArray[Any]) -> NDArray[Any]:
-        """Invert a spectrum, keeping only the rows that contain results."""
+        """Invert a spectrum; keep only rows with results."""
         for axis, keep in enumerate(self.tiling.step[:-1]):
             product = scipy.fft.ifft(product, axis=axis, overwrite_x=True)[(slice(None),) * axis + (slice(keep),)]
         return np.asarray(scipy.fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))
@@ -539,10 +567,10 @@ class _TileRun:
 
 @kernel
 def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: bool, counts: Ints) -> int:
-    """Count the obstacle cells of each line of a tile; return their sum.
+    """Count the obstacle cells of each line of a tile.
 
-    Lines are along the last axis. Cells have three axes; a plane map is one layer. ``first`` is the first cell of the
-    tile; ``counts`` has an entry for each line.
+    Returns their sum. Lines are along the last axis. Cells have three axes; a plane map is one layer. ``first`` is the
+    first cell of the tile; ``counts`` has an entry for each line.
     """
     nx, ny, nz = occupied.shape
     low, high = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
@@ -572,10 +600,10 @@ def add_lines(
     mixed: Bools,
     lines: NDArray[np.floating],
 ) -> None:
-    """Add scaled W - 1/2 to the ``mixed`` lines of a tile.
+    """Add scaled W - 1/2 to lines of a tile.
 
-    Mixed lines are not constant; ``lines`` has an entry for each of these lines, in order. Cells as for
-    :func:`count_lines`.
+    Only the ``mixed`` lines are computed. These are not constant; ``lines`` has an entry for each of them, in order.
+    Cells are as for :func:`count_lines`.
     """
     unit = lines.dtype.type(scale)
     half = lines.dtype.type(0.5 * scale)
@@ -637,10 +665,10 @@ def mark_digit(
     corner: Ints,
     shape: Ints,
 ) -> None:
-    """Write or add to ``out`` whether bits of whole numbers are set.
+    """Write whether bits of whole numbers are set.
 
-    ``out`` is written from ``corner`` on; ``shape`` is the number of entries along each axis. Arrays have three axes; a
-    plane map is one layer.
+    With ``add``, add 1 if they are. ``out`` is written from ``corner`` on; ``shape`` is the number of entries along
+    each axis. Arrays have three axes; a plane map is one layer.
     """
     x, y, z = corner
     nx, ny, nz = shape

@@ -48,7 +48,10 @@ MIN_PROOFS_PER_THREAD: Final = 500
 
 
 class ExactQueries:
-    """Exact queries of a map: cells answer where they decide, proofs decide the rest."""
+    """Queries of a map with exact geometry.
+
+    Cells answer if they decide, and proofs decide the rest.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
@@ -68,9 +71,9 @@ class ExactQueries:
         return bad
 
     def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
-        """Fill ``out`` with whether edges, shapes (n, size), are free along the shorter arc.
+        """Write whether edges are free.
 
-        Returns the index of the first invalid edge, or -1.
+        Edges, shapes (n, size), rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
         """
         proofs = self._current_proofs()
         bad = edges_are_free(map_, None, q0, q1, out)
@@ -507,9 +510,10 @@ def reference_point(map_: Map, q: Numbers, scale: float) -> Row:
 
 @kernel
 def containment_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Return BLOCKED if a part of one side lies inside the other, MIXED if undecided, else FREE.
+    """Return whether robot or obstacles contain the other.
 
-    The robot's reference point is at ``position``; no boundaries of robot and obstacles may meet.
+    The state is BLOCKED if a part of one side lies inside the other, MIXED if undecided, otherwise FREE. The robot's
+    reference point is at ``position``; no boundaries of robot and obstacles may meet.
     """
     lower, spacing, state, k = containment.lower, containment.spacing, FREE, 0
     (nx, ny, nz), count = containment.outer.shape, containment.corners.shape[0]

@@ -401,10 +401,11 @@ def _edge_pierces(a: Corners, b: Corners, tolerance: float) -> bool:
 
 @kernel
 def _side_of_plane(p: Row, a: Row, b: Row, c: Row, tolerance: float) -> int:
-    """Return the side, 1 or -1, of the plane abc on which p lies.
+    """Return the side of a plane on which p lies.
 
-    The result is 0 if rounding could change it. The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each
-    point moves by at most e and none is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
+    The sides of the plane through a, b and c are 1 and -1. The result is 0 if rounding could change it. The determinant
+    changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e and none is farther than s from p.
+    Rounding adds less than ``64 * 2^-52 s^3``.
     """
     u, v, w = minus(a, p), minus(b, p), minus(c, p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))

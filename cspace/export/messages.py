@@ -116,7 +116,10 @@ def fill_joint_trajectory(
 
 
 def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
-    """Add seconds to a time of a message, given by a dotted path, rounded to nanoseconds."""
+    """Add seconds to a time of a message.
+
+    ``name`` is the dotted path of the time. The sum is rounded to nanoseconds.
+    """
     time: object = msg
     for part in name.split("."):
         time = getattr(time, part, None)

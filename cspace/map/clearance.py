@@ -442,10 +442,11 @@ def bound_squares(layers: Words, position: Position, size: float, first_y: int, 
 def near_window(
     position: Position, size: float, first_y: int, first_z: int, best: float, other_y: float, other_z: float
 ) -> np.uint64:
-    """Return a mask of the cells of a word, 8 x 8 along y and z, that may be near enough.
+    """Return a mask of the cells that may be near.
 
-    They may be nearer to the position than the square root of ``best``. ``other_y`` and ``other_z`` are lower bounds of
-    the amount that the other axes add to squared distances along y and along z.
+    The cells are those of a word, 8 x 8 along y and z. They may be nearer to the position than the square root of
+    ``best``. ``other_y`` and ``other_z`` are lower bounds of the amount that the other axes add to squared distances
+    along y and along z.
     """
     low_y, high_y = near_range(position[1], size, first_y, best, other_y)
     low_z, high_z = near_range(position[2], size, first_z, best, other_z)
@@ -739,10 +740,11 @@ def raise_squares(
 
 @kernel
 def read_row(states: States, table: Ints, x: int, y: int, mask: States) -> None:
-    """Copy the states of a row of cells from ``(x, y)`` on into ``mask``.
+    """Copy the states of a row of cells.
 
-    Cells outside the grid get 0 if they are FREE, otherwise 1. ``table`` has the first and last cell of the box of
-    MIXED cells there, and the state of the others; see :class:`cspace.map.exterior.Exterior`.
+    The row begins at ``(x, y)``; ``mask`` receives the states. Cells outside the grid get 0 if they are FREE, otherwise
+    1. ``table`` has the first and last cell of the box of MIXED cells there, and the state of the others; see
+    :class:`cspace.map.exterior.Exterior`.
     """
     nx, ny = states.shape
     before, stop = min(max(-y, 0), len(mask)), min(max(ny - y, 0), len(mask))

@@ -534,7 +534,10 @@ class Components:
         self._kinds: dict[bool, StateComponents] = {}
 
     def refresh(self, boxes: Ints) -> None:
-        """Mark the cells in a box of each slice as changed, shape (slices, 6)."""
+        """Mark the cells in boxes as changed.
+
+        ``boxes``, shape (slices, 6), has a box for each slice.
+        """
         for kind in self._kinds.values():
             kind.refresh(boxes)
 
@@ -611,7 +614,10 @@ class PeriodicComponents(Components):
         self._seam_classes: dict[bool, tuple[Ints, Ints]] = {}
 
     def refresh(self, boxes: Ints) -> None:
-        """Mark the cells in a box of each slice as changed, shape (slices, 6)."""
+        """Mark the cells in boxes as changed.
+
+        ``boxes``, shape (slices, 6), has a box for each slice.
+        """
         super().refresh(boxes)
         self._seam_classes.clear()
 
@@ -626,7 +632,10 @@ class PeriodicComponents(Components):
         return np.where(seam_components[position] == components, merged[position], components)
 
     def box(self, cell: Ints) -> Ints:
-        """Return the first and last cell of a FREE component's box, shape (2, d)."""
+        """Return the bounding box of a FREE component.
+
+        The first and the last cell have shape (2, d).
+        """
         component = self.of(cell)
         seam_cells = self._seam_cells.reshape(-1, self._seam_cells.shape[-1])
         one_cell_each = seam_cells[np.unique(super().of(self._seam_cells), return_index=True)[1]]
@@ -686,7 +695,10 @@ class StateComponents:
         self._cached = self._empty_labels()
 
     def refresh(self, boxes: Ints) -> None:
-        """Mark the blocks that meet a box of each slice as changed, shape (slices, 6)."""
+        """Mark the blocks in boxes as changed.
+
+        ``boxes``, shape (slices, 6), has a box of cells for each slice.
+        """
         slices = np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1))
         label_index, bounds = self._cached[0].reshape(self._changed.shape), boxes[slices].reshape(-1, 2, 3)
         for s, (first, last) in zip(slices.tolist(), (bounds >> self._blocks.shifts).tolist(), strict=True):
@@ -696,7 +708,10 @@ class StateComponents:
             self._boxes.clear()
 
     def of(self, cells: Ints) -> Ints:
-        """Return the component of each cell, shape (..., 1 + d), or -1."""
+        """Return the component of each cell, or -1.
+
+        ``cells`` has shape (..., 1 + d).
+        """
         flat = np.ascontiguousarray(cells.reshape(-1, cells.shape[-1]))
         global_labels, components = self._global_labels(), np.empty(len(flat), dtype=np.int64)
         if look_up(self._blocks, global_labels, flat, components):
@@ -704,7 +719,10 @@ class StateComponents:
         return components.reshape(cells.shape[:-1])
 
     def box(self, cell: Ints) -> Ints:
-        """Return the first and last cell of a component's box, shape (2, d)."""
+        """Return the bounding box of a component.
+
+        The first and the last cell have shape (2, d).
+        """
         component = int(self.of(cell))
         if component not in self._boxes:
             self._boxes[component] = self._compute_box(component)

@@ -84,14 +84,20 @@ def pulled_straight(path: Floats, rotations: Rotations, check: Check) -> Floats:
 
 
 def path_length(path: Floats, rotations: Rotations) -> float:
-    """Return the length of a path in metres, where a radian counts as :data:`METRES_PER_RADIAN`."""
+    """Return the length of a path in metres.
+
+    A radian counts as :data:`METRES_PER_RADIAN`.
+    """
     steps, dim = rotations._steps_between(path[:-1], path[1:]), path.shape[1] - len(rotations.names)
     lengths = np.linalg.norm(steps[:, :dim], axis=1) + METRES_PER_RADIAN * np.linalg.norm(steps[:, dim:], axis=1)
     return float(lengths.sum())
 
 
 def _cut_corners(path: Floats, rotations: Rotations, check: Check) -> Floats:
-    """Replace each corner by the longest free edge between points at equal shares of the edges beside it."""
+    """Replace corners by free edges.
+
+    Each edge joins points at equal fractions of the two edges at a corner; the longest free one is chosen.
+    """
     shares, kept = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None], [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
         corners = np.repeat(corner[None], len(shares), axis=0)

@@ -333,7 +333,10 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
 
 @kernel
 def around_is_free(map_: Map, q: Numbers, distance: float, angle: float) -> bool:
-    """Return True where every configuration within `distance` and `angle` of q is proven free."""
+    """Return True if all near configurations are proven free.
+
+    They are within `distance` and `angle` of q.
+    """
     cursor = map_.rotations.first_around(q, angle)
     while True:
         more, s, cursor = map_.rotations.next_around(cursor)

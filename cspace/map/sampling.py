@@ -222,10 +222,11 @@ def nearest_index(value: float, count: int) -> int:
 
 @kernel
 def axis_cost(cell: int, value: float, count: int, scale: float) -> float:
-    """Return one axis's share of the squared distance from a value to a cell's center.
+    """Return an axis's part of a squared distance.
 
-    It is divided by ``scale``, and lacks the square of the value, which all cells share: if ``o`` is the cell's offset
-    from the middle of the axis and ``v`` the value's, it is ``(o² - 2 o v) / scale``.
+    The distance is that from a value to a cell's center. It is divided by ``scale``, and lacks the square of the value,
+    which all cells share: if ``o`` is the cell's offset from the middle of the axis and ``v`` the value's, it is ``(o²
+    - 2 o v) / scale``.
     """
     center = count / 2.0
     offset = cell + 0.5 - center

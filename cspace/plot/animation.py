@@ -164,7 +164,10 @@ def _pixels(axes: Axes, move: Callable[[Floats], None], q: Floats) -> NDArray[np
 
 
 def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
-    """Return milliseconds per frame, in GIF's steps of 10, and the frame count."""
+    """Return the milliseconds per frame, and the frame count.
+
+    GIF's steps are 10 ms.
+    """
     duration, frequency = (
         check_positive(seconds, "seconds", "seconds"),
         check_positive(rate, "rate", "frames per second"),
@@ -266,7 +269,10 @@ def _layer(artist: Artist) -> float:
 
 
 def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]:
-    """Return a figure with two panels, which are stacked if they are wide."""
+    """Create a figure with two panels.
+
+    Wide panels are stacked.
+    """
     width, height = artists.axes_size(box, _PANEL_INCHES)
     wide = width > 1.4 * height
     size = (width + 0.7, 2 * height + 1.5) if wide else (2 * width + 0.9, height + 1.3)
@@ -281,10 +287,11 @@ def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]
 
 
 def _palette(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Choose the colours of a palette from colours that come most frequent first, shape (n, 3).
+    """Choose the colors of a palette.
 
-    The palette has at most :data:`_PALETTE_COLORS`. Its first half holds dissimilar colours, so that a thin line keeps
-    its colour beside many shades of another one.
+    ``colors``, shape (n, 3), are ordered by frequency, most frequent first. The palette has at most
+    :data:`_PALETTE_COLORS`. Its first half holds dissimilar colours, so that a thin line keeps its colour beside many
+    shades of another one.
     """
     chosen: list[int] = []
     remaining = np.arange(len(colors))

@@ -89,9 +89,9 @@ class ArmFigure:
 
 
 def joint_lengths(points: Floats) -> Floats:
-    """Return the length of a path in joint space up to each row.
+    """Return the path length up to each row.
 
-    The result has shape (n,).
+    It is the length in joint space. The result has shape (n,).
     """
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 

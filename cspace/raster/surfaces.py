@@ -444,9 +444,10 @@ def _interpolate_height(y: float, low_y: float, low_z: float, high_y: float, hig
 
 @kernel
 def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
-    """Return the crossing of a triangle and the upward ray from a point.
+    """Return whether an upward ray crosses a triangle.
 
-    It is 1 if the triangle faces up, -1 if it faces down, 0 if they are disjoint.
+    The ray begins at the point (x, y, z). It is 1 if the triangle faces up, -1 if it faces down, 0 if they are
+    disjoint.
     """
     sign, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
     return sign if sign != 0 and low_y <= y < high_y and _interpolate_height(y, low_y, low_z, high_y, high_z) > z else 0

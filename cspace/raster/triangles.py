@@ -152,10 +152,11 @@ def _max_corner_distance(triangles: Floats) -> Floats:
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
-    """Set ``out[i]`` if cube ``i`` is within a radius of a swept triangle.
+    """Mark cubes near swept triangles.
 
-    Cube ``i`` is ``i + [-half, half]^3``. The cubes that meet a triangle must be set already, unless ``half`` is zero.
-    Lengths are in cells, in the index frame of ``out``.
+    ``out[i]`` is set if cube ``i`` is within a radius of a swept triangle. Cube ``i`` is ``i + [-half, half]^3``. The
+    cubes that meet a triangle must be set already, unless ``half`` is zero. Lengths are in cells, in the index frame of
+    ``out``.
     """
     size = swept.size
     slack = _RADIUS_SLACK + 2.0**-34 * size
@@ -392,11 +393,12 @@ def _is_near(triangle: Floats, center: Floats, half: float, max_distance: float,
 def _mark_within(
     out: Bytes, swept: SweptTriangles, half: float, radius: float, slack: float, start: int, stop: int
 ) -> None:
-    """Set ``out[i]`` if cube ``i`` is within a radius of a swept triangle.
+    """Mark cubes near swept triangles.
 
-    Cube ``i`` is ``i + [-half, half]^3``; covers first indices in ``[start, stop)``. The cubes that meet a triangle
-    must be set already. Most cubes in reach are set by several triangles, so during the work a positive value in
-    ``out`` is the number of set cubes from there on, which later triangles skip.
+    ``out[i]`` is set if cube ``i`` is within a radius of a swept triangle. Cube ``i`` is ``i + [-half, half]^3``;
+    covers first indices in ``[start, stop)``. The cubes that meet a triangle must be set already. Most cubes in reach
+    are set by several triangles, so during the work a positive value in ``out`` is the number of set cubes from there
+    on, which later triangles skip.
     """
     _, ny, nz = out.shape
     center = np.empty(3)

@@ -1,4 +1,4 @@
-"""Rotation cells of unit quaternions: all rotations in space."""
+"""Rotation cells of unit quaternions, for all rotations in space."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from cspace.errors import InputError
 from cspace.rotations.base import COVERING_ANGLE, DIAL_OFFSETS, Coordinate, Dial, RotationCell, Rotations, Symmetric
 
 NORM_SLACK: Final = 1e-6
-"""Maximum deviation of a quaternion's norm from 1."""
+"""Largest deviation of the norm of a quaternion from 1."""
 
 QUOTIENT_SLACK: Final = 1e-9
-"""Rounding allowance in the quotients of a quaternion, by which cells are widened at each boundary."""
+"""Rounding allowance by which cells are widened at each boundary, in quotients of components."""
 
 MAX_PARTS_PER_AXIS: Final = 64
-"""Maximum number of parts of an axis, which gives a million cells."""
+"""Largest number of parts of an axis, which gives a million cells."""
 
 OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
-"""The other three components, for each component of a quaternion."""
+"""Indices of the other three components, for each component of a quaternion."""
 
 DIAL_HEADINGS: Final = (0, 60, 120, 180, 240, 300)
-"""Headings of the dials, in degrees about z."""
+"""Headings of the discs that show rotations, in degrees about z."""
 
 _HALF_TURNS: Final = np.array([np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float)
-"""Half turns about x, y and z, and the identity: the rotations of the unit quaternions."""
+"""Matrices of the half turns about x, y and z, and the identity."""
 
 QUARTER_PI = math.pi / 4.0
 """Half a right angle, in radians."""
 
 OMPL_EQUALITY_SLACK = 4e-9
-"""Unit quaternions with a dot product this near to 1 count as equal, because OMPL's rotation may jump between them.
+"""Distance of a dot product from 1 up to which unit quaternions count as equal.
 
-OMPL uses 1e-9, for quaternions whose norm may be off by as much.
+OMPL's rotation may jump between such quaternions. OMPL uses 1e-9, for quaternions whose norm may be off by as much.
 """
 
 MIN_ARC_ANGLE = 1e-9
-"""Angle between two quaternions below which the chord replaces the arc."""
+"""Angle between two quaternions, radians, below which the chord replaces the arc."""
 
 PartRanges = tuple[int, int, int, int, int, int]
 ArcCursor = tuple[Numbers, Numbers, float, float, float, float, bool, bool, bool]
@@ -78,14 +78,17 @@ class QuaternionRotations(Rotations):
 
     @classmethod
     def _of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
-        """Make cells from the number of parts of an axis, see :meth:`Rotations.quaternions`."""
+        """Create cells from the number of parts of an axis.
+
+        See :meth:`Rotations.quaternions`.
+        """
         return cls(
             check_count(value, "rotations", 1, MAX_PARTS_PER_AXIS, "pass e.g. 8, for 2,048 cells of quaternions")
         )
 
     @classmethod
     def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
-        """Make as many cells as there are centers."""
+        """Create as many cells as there are centers."""
         return cls(max(1, round((len(coordinates["quaternion"]) / 4.0) ** (1.0 / 3.0))))
 
     def _format_rotation(self, rotation: Floats) -> str:
@@ -103,12 +106,19 @@ class QuaternionRotations(Rotations):
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
     def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
-        """Sample a rotation within an angle."""
+        """Sample a rotation within an angle of another one.
+
+        ``angle`` is in radians; ``numbers`` yields numbers from 0 to 1.
+        """
         by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]
         rotated: list[float] = self._rotate(np.array(rotation), np.array(by)).tolist()
         return rotated
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
+        """Return quaternions, shape (..., 4), with norm 1.
+
+        Raises InputError if a norm is off by more than NORM_SLACK.
+        """
         norms = np.linalg.norm(rotation, axis=-1, keepdims=True)
         errors = np.abs(norms - 1.0)
         if not (errors <= NORM_SLACK).all():
@@ -118,6 +128,10 @@ class QuaternionRotations(Rotations):
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
     def _rotation_between(self, first: Floats, second: Floats) -> Floats:
+        """Return the rotation vectors from quaternions to others.
+
+        They have shape (..., 3), radians, about axes fixed to the first.
+        """
         cosine = (first * second).sum(axis=-1, keepdims=True)
         # The difference makes the result exactly zero for equal rotations.
         nearer = np.where(cosine < 0.0, -second, second)
@@ -127,11 +141,13 @@ class QuaternionRotations(Rotations):
         return np.asarray(difference * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0))
 
     def _rotate(self, rotation: Floats, by: Floats) -> Floats:
+        """Rotate quaternions, shape (..., 4), by rotation vectors, shape (..., 3)."""
         half = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
         rotated = multiply(rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1))
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
     def _matrices(self, rotation: Floats, dim: int) -> Floats:
+        """Return the matrices of quaternions, shape (..., 3, 3)."""
         x, y, z, w = np.moveaxis(rotation / np.linalg.norm(rotation, axis=-1, keepdims=True), -1, 0)
         rows = [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
@@ -146,13 +162,16 @@ class QuaternionRotations(Rotations):
 
     @property
     def borders(self) -> Floats:
-        """Boundaries of the quotients, from -1 to 1, shape (n + 1,)."""
+        """Boundaries of the quotients, from -1 to 1.
+
+        Their shape is (n + 1,).
+        """
         return _chart(self.n).borders
 
     def cell_of(self, rotation: ArrayLike) -> Ints:
-        """Return the cells that contain quaternions (x, y, z, w), shape (..., 4).
+        """Return the cells that contain quaternions.
 
-        Their norm is 1; both signs give one cell.
+        Quaternions are (x, y, z, w), shape (..., 4). Their norm is 1; a quaternion and its negative lie in one cell.
         """
         q = check_finite(rotation, "rotation")
         if q.ndim == 0 or q.shape[-1] != 4:
@@ -174,25 +193,31 @@ class QuaternionRotations(Rotations):
         return self.cell_of(q[..., -4:])
 
     def _check_dimension(self, dim: int) -> None:
-        """Refuse the plane."""
+        """Raise InputError for maps of the plane."""
         if dim == 2:
             rule, hint = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint, value=self)
 
     def _preserve(self, shape: Symmetric) -> bool:
-        """Return True if a shape is a ball about its reference point."""
+        """Return True if rotations leave a shape unchanged.
+
+        It must be a ball about its reference point.
+        """
         return shape.is_round
 
     def _argument_for_fewer(self, share: float) -> str:
-        """Return the argument for at most a fraction of the cells."""
+        """Return the argument for fewer cells, for messages.
+
+        It gives at most the fraction ``share`` of the cells.
+        """
         n = int((share * len(self) / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"rotations=Rotations.quaternions({n})" if n else ""
 
     def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
-        Cells related by a half turn of the robot share one. In quaternions, half turns about the robot's axes permute
-        and negate components, and so map cells to cells; quarter turns do not.
+        Cells related by a half turn of the robot share a slice. In quaternions, half turns about the robot's axes
+        permute and negate components, and so map cells to cells; quarter turns do not.
         """
         if shape.is_round:
             return np.zeros(len(self), dtype=np.int64)
@@ -203,14 +228,18 @@ class QuaternionRotations(Rotations):
         return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
 
     def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """Return the rotations and mirrors that permute and negate quaternion components.
+        """List the rotations and mirrors between cells.
 
-        They map cells to cells: S and M permute the axes inversely to each other, with any signs.
+        They permute and negate quaternion components. So they map cells to cells. Each has its matrix, and the cell to
+        which it maps each cell.
         """
         return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in self._changes(shape)]
 
     def _changes(self, shape: Symmetric) -> Iterable[tuple[Floats, Floats]]:
-        """Return each image as a matrix and as a change of quaternions."""
+        """Return each image as two matrices.
+
+        The first transforms positions, the second quaternions.
+        """
         symmetries = np.array(shape.symmetries)
         signs = np.linalg.det(symmetries)
         # A mirror is a rotation times the point reflection; rotations come first.
@@ -225,32 +254,48 @@ class QuaternionRotations(Rotations):
         return changes_seen.values()
 
     def _shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the cells in the form for shapes."""
+        """Return the cells in the form that shapes need."""
         matrices = self._matrices(self.centers, dim)
         return [RotationCell(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
 
     @property
     def centers(self) -> Floats:
-        """Quaternion with the smallest covering angle in each cell."""
+        """Centers of the cells, shape (count, 4).
+
+        The center of a cell is the quaternion with the smallest covering angle.
+        """
         return _chart(self.n).centers
 
     @property
     def covering_angles(self) -> Floats:
-        """Angle between the center and the farthest corner of each cell."""
+        """Angle from each center to its farthest corner.
+
+        It is in radians, shape (count,).
+        """
         return _chart(self.n).covering_angles
 
     @property
     def _coordinates(self) -> dict[str, Floats]:
-        """Center of each cell, shape (count, 4), and its covering angle, radians."""
+        """Centers and covering angles of the cells.
+
+        They have shapes (count, 4) and (count,), in radians.
+        """
         return dict(zip(self.COORDINATES, (self.centers, self.covering_angles), strict=True))
 
     @property
     def _volumes(self) -> Floats:
-        """Haar measure of each cell; their sum is 1."""
+        """Haar measure of each cell.
+
+        The measures sum to 1.
+        """
         return _chart(self.n).volumes
 
     def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """Draw quaternions from cells, uniformly in Haar measure."""
+        """Draw a quaternion from each of several cells.
+
+        It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each boundary that is left
+        out.
+        """
         n, borders = self.n, self.borders
         parts = np.stack(np.unravel_index(cells, (4, n, n, n)), axis=-1)
         low, widths = borders[parts[:, 1:]], np.diff(borders)[parts[:, 1:]]
@@ -265,14 +310,17 @@ class QuaternionRotations(Rotations):
         return _quaternions(parts[:, 0], quotients)
 
     def _angles_to_centers(self, q: Floats) -> Floats:
-        """Return the angles to all representatives."""
+        """Return the angles to all centers.
+
+        They are in radians, shape (..., count).
+        """
         return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
 
     @property
     def _neighbors(self) -> Ints:
-        """Cells before and after each cell along the axes of its chart.
+        """Neighbors of each cell along the axes of its chart.
 
-        They may lie in another chart.
+        Their shape is (count, 6). They may lie in another chart, in which another component is largest.
         """
         n = self.n
         charts = np.indices((4, n, n, n)).reshape(4, -1)
@@ -298,7 +346,7 @@ class QuaternionRotations(Rotations):
     def _dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return discs of tilts, one for each heading.
 
-        After a rotation about z, the robot is tilted by nothing at the center up to half a turn at the rim.
+        After a rotation about z, the robot is not tilted at the center, and by half a turn at the rim.
         """
         from scipy.spatial.transform import Rotation
 
@@ -313,16 +361,19 @@ class QuaternionRotations(Rotations):
         return dials
 
     def _compile(self, slice_of: Ints) -> QuaternionCells:
-        """Return the record for compiled look-ups."""
+        """Return the record for kernels."""
         return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:
-        """Return the number of cells in words."""
+        """Return the number of rotations in words."""
         return f"{len(self)} rotations in space"
 
 
 class _Chart(NamedTuple):
-    """Arrays of the quaternion cells of one n, computed once."""
+    """Arrays of the quaternion cells for one n.
+
+    They are cached.
+    """
 
     borders: Floats
     centers: Floats
@@ -332,9 +383,9 @@ class _Chart(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _chart(n: int) -> _Chart:
-    """Compute the cells of n parts to an axis.
+    """Compute the quaternion cells for n parts an axis.
 
-    The cells of one chart come first; they are the same in all charts.
+    One chart is computed first, because all charts have the same cells.
     """
     borders = np.tan(np.pi / 4.0 * np.linspace(-1.0, 1.0, n + 1))
     borders = (borders - borders[::-1]) / 2.0  # symmetric to the last bit
@@ -369,14 +420,15 @@ def _chart(n: int) -> _Chart:
 
 
 _CORNERS: Final = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
+"""Corners of the unit cube."""
 
 
 def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
-    """Return the center and covering angle of each box of quotients.
+    """Return the center and covering angle of boxes.
 
-    Boxes are given by their corners, shape (m, 8, 3). The center is the rotation nearest to all corners. The smallest
-    ball about the corners on the sphere has two to four of them on its boundary. Its center has the direction of the
-    point nearest to zero in the affine hull of these. All choices of corners are tried.
+    The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation nearest to all
+    corners. The smallest ball about the corners on the sphere has two to four corners on its boundary. Its center has
+    the direction of the point nearest to zero in the affine hull of these corners. All choices of corners are tried.
     """
     corners = np.concatenate([boxes, np.ones((*boxes.shape[:2], 1))], axis=2)
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)
@@ -398,9 +450,10 @@ def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
 
 
 def _quaternions(charts: Ints, quotients: Floats) -> Floats:
-    """Return unit quaternions, shape (n, 4), from quotients, shape (n, 3).
+    """Return unit quaternions of quotients.
 
-    ``charts`` are the indices of their largest components, shape (n,).
+    They have shape (n, 4), and ``quotients`` has shape (n, 3). ``charts``, shape (n,), are the indices of their largest
+    components.
     """
     quaternions = np.ones((len(charts), 4))
     np.put_along_axis(quaternions, np.asarray(OTHER_COMPONENTS)[charts], quotients, axis=1)
