@@ -485,10 +485,8 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
         from cspace.map.paths import path_length
 
-        endpoints, dim = (
-            np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]),
-            self.grid.dim,
-        )
+        dim = self.grid.dim
+        endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
         still = not self.rotations._steps_between(*endpoints)[dim:].any()
         if still:
             endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs

@@ -333,7 +333,7 @@ class LocalPlanner(ABC):
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Return whether a path is proven to exist.
 
-        False means that none is proven to exist, and None that the map is undecided.
+        True if it is, False if it is proven that no path exists, None if undecided.
         """
         return None
 
@@ -475,7 +475,7 @@ class EdgesOnMap(LocalPlanner):
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return the length and the rotation of a path.
 
-        The robot moves by metres and radians.
+        They are in metres and radians.
         """
         pieces = self.split_path(path, math.inf, math.inf)
         return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
@@ -584,7 +584,7 @@ class EdgesOnMap(LocalPlanner):
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Return whether a path is proven to exist.
 
-        False means that none is proven to exist, and None that the map is undecided.
+        True if it is, False if it is proven that no path exists, None if undecided.
         """
         connected, disconnected = self.space._connectivity(*endpoints)
         return True if connected else False if disconnected else None
@@ -613,7 +613,7 @@ class EdgesOnMap(LocalPlanner):
     def describe_limits(self, endpoints: Endpoints) -> list[str]:
         """Name the yaws proven free at start and goal.
 
-        The text is empty if these are all, or if the robot is holonomic.
+        The text is empty if all yaws are, or if the robot is holonomic.
         """
         if self.drive == HOLONOMIC:
             return []
