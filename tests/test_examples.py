@@ -12,7 +12,7 @@ from PIL import Image
 from tests.repository import ROOT
 
 EXAMPLE_SCRIPTS = sorted(file for folder in ("examples", "tutorials") for file in (ROOT / folder).glob("*.py"))
-QUICK_EXAMPLES = ("packing", "robots", "sources")
+QUICK_EXAMPLES = ("best_placements", "packing", "robots", "sources")
 
 
 @pytest.mark.parametrize("script", EXAMPLE_SCRIPTS, ids=lambda script: script.stem)

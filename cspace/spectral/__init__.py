@@ -16,6 +16,8 @@ from cspace.spectral.overlap import FourierOverlap as FourierOverlap
 from cspace.spectral.overlap import OverlapField as OverlapField
 from cspace.spectral.overlap import Separation as Separation
 from cspace.spectral.overlap import Verdict as Verdict
+from cspace.spectral.placements import Placements as Placements
+from cspace.spectral.placements import best_placements as best_placements
 from cspace.spectral.spectra import ball_spectrum as ball_spectrum
 
 __all__ = [
@@ -26,10 +28,12 @@ __all__ = [
     "Descriptor",
     "FourierOverlap",
     "OverlapField",
+    "Placements",
     "PolygonSum",
     "Separation",
     "Verdict",
     "ball_spectrum",
+    "best_placements",
     "decompose",
     "indicator",
     "intersection",

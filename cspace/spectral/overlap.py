@@ -366,10 +366,10 @@ class FourierOverlap:
         d), or a scipy Rotation; raises InputError for anything else. The period, the band and the threshold stay; the
         spectrum of A is recomputed at first use.
         """
-        matrix = _rotation_matrix(rotation, self.dim)
+        matrix = rotation_matrix(rotation, self.dim)
         other = copy.copy(self)
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
-        other._rotation = _rotation_matrix(matrix @ self._rotation, self.dim)
+        other._rotation = rotation_matrix(matrix @ self._rotation, self.dim)
         other._pivot = other._rotation @ self._original.center
         for made in ("_levels", "_contact_test"):
             other.__dict__.pop(made, None)
@@ -599,7 +599,7 @@ class _Level:
         return [self.sums._replace(products=self.sums.products * wave) for wave in waves.T]
 
 
-def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
+def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     """Return the nearest rotation matrix.
 
     Its shape is (dim, dim). ``rotation`` is an angle in the plane, a matrix or a scipy Rotation; InputError is raised

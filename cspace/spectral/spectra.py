@@ -154,22 +154,16 @@ def ball_spectrum(
     points, sizes = check_solid_balls(centers, radii)
     kind, within, dim = check_bump(bump), check_tolerance(tolerance, MIN_SPECTRUM_TOLERANCE), points.shape[1]
     periods, numbers = _check_lengths(lengths, dim), _check_counts(counts, dim)
-    reach = sizes[:, None]
-    _check_fits((points + reach).max(axis=0) - (points - reach).min(axis=0), periods)
-    lattice = _LatticeSum(points / periods, numbers, periods, 0.5 * within)
-    # The cost without a basis, in transforms: even a sum over one ball evaluates its table at each frequency.
-    shares = np.unique(sizes, return_counts=True)[1] / MAX_SUMMED_BALLS[dim]
-    alone = float(np.clip(shares, MIN_SUM_COST, 1.0).sum())
-    terms = radius_basis(kind, sizes, lattice.moduli, dim, within, alone) if alone > MIN_BASIS_TRANSFORMS else None
-    if terms is None:
-        terms = _terms_by_radius(kind, sizes, lattice.moduli, dim, within)
+    factors = None
     if weights is not None:
         factors = check_finite(weights, "weights")
         if factors.shape != sizes.shape:
             rule = f"there must be one for each of {len(sizes)} balls"
             raise InputError("weights", f"has shape {factors.shape}", rule, "pass numbers", value=weights)
-        terms = (term._replace(strengths=term.strengths * factors[term.members]) for term in terms)
-    return lattice.spectrum(terms)
+    reach = sizes[:, None]
+    _check_fits((points + reach).max(axis=0) - (points - reach).min(axis=0), periods)
+    lattice = FrequencyLattice.of(numbers, periods)
+    return sum_terms(lattice, points, radial_terms(lattice, kind, sizes, within, factors), within)
 
 
 # ---- non-uniform transforms ------------------------------------------------------------------------------------------
@@ -233,6 +227,22 @@ class Term(NamedTuple):
     factor: Floats
 
 
+def radial_terms(
+    lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float, weights: Floats | None = None
+) -> Iterator[Term]:
+    """Return the terms of balls, wherever their centers are."""
+    dim = len(lattice.counts)
+    # The cost without a basis, in transforms: even a sum over one ball evaluates its table at each frequency.
+    shares = np.unique(radii, return_counts=True)[1] / MAX_SUMMED_BALLS[dim]
+    alone = float(np.clip(shares, MIN_SUM_COST, 1.0).sum())
+    terms = radius_basis(bump, radii, lattice.moduli, dim, tolerance, alone) if alone > MIN_BASIS_TRANSFORMS else None
+    if terms is None:
+        terms = _terms_by_radius(bump, radii, lattice.moduli, dim, tolerance)
+    if weights is not None:
+        terms = (term._replace(strengths=term.strengths * weights[term.members]) for term in terms)
+    return terms
+
+
 def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float) -> Iterator[Term]:
     """Yield one term for each radius.
 
@@ -288,29 +298,48 @@ def radius_basis(
     )
 
 
+class FrequencyLattice(NamedTuple):
+    """Frequencies ``k / periods``, in the order of numpy.fft.
+
+    ``counts`` are their numbers along the axes. ``moduli`` are their distinct moduli, ascending, cycles per metre.
+    ``which`` is the index of the modulus of each frequency, on a lattice that contains ``-w`` with each ``w``.
+    """
+
+    periods: Floats
+    counts: tuple[int, ...]
+    moduli: Floats
+    which: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, counts: tuple[int, ...], periods: Floats) -> FrequencyLattice:
+        """Build the lattice."""
+        shape = tuple(2 * (m // 2) + 1 for m in counts)
+        # All orthants have the same moduli, so one is enough.
+        axes = [np.arange(m // 2 + 1) / period for m, period in zip(shape, periods.tolist(), strict=True)]
+        orthant = np.sqrt(sum(part * part for part in np.meshgrid(*axes, indexing="ij", sparse=True)))
+        moduli, which = np.unique(orthant, return_inverse=True)
+        indices = np.ix_(*(np.abs(_frequency_indices(m)) for m in shape))
+        return cls(periods, counts, moduli, which.reshape(orthant.shape).astype(np.int32)[indices])
+
+
+def sum_terms(lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float) -> Complexes:
+    """Return the spectrum of terms around points (n, d), metres, to a tolerance; shape lattice.counts."""
+    return _LatticeSum(lattice, points / lattice.periods, 0.5 * tolerance).spectrum(terms)
+
+
 class _LatticeSum:
     """Half of a spectrum, to which terms are added.
 
-    It is the sum X that makes the spectrum ``X(w) + conj(X(-w))``. The lattice contains ``-w`` with each ``w``. A
-    descriptor is real, so ``F(-w)`` is the conjugate of ``F(w)``. With strengths ``a + i b``, one transform G holds the
-    transforms A and B of two real terms. With radial factors g and h, ``g A + h B`` is ``X(w) + conj(X(-w))`` for ``X =
-    G (g - i h) / 2``. So the X of all pairs are summed and mirrored once.
-
-    Points are given in periods. :attr:`moduli` are the distinct moduli of the frequencies, ascending, cycles per metre.
+    It is the sum X that makes the spectrum ``X(w) + conj(X(-w))``. A descriptor is real, so ``F(-w)`` is the conjugate
+    of ``F(w)``. With strengths ``a + i b``, one transform G holds the transforms A and B of two real terms. With radial
+    factors g and h, ``g A + h B`` is ``X(w) + conj(X(-w))`` for ``X = G (g - i h) / 2``. So the X of all pairs are
+    summed and mirrored once. Points are given in periods.
     """
 
-    def __init__(self, shares: Floats, counts: tuple[int, ...], periods: Floats, tolerance: float) -> None:
+    def __init__(self, lattice: FrequencyLattice, shares: Floats, tolerance: float) -> None:
         self._shares = shares - np.round(shares)
-        self._counts, self._tolerance = counts, tolerance
-        shape = tuple(2 * (m // 2) + 1 for m in counts)
-        # All orthants have the same moduli, so one is enough. `_which` is the index of each frequency's modulus.
-        axes = [np.arange(m // 2 + 1) / period for m, period in zip(shape, periods.tolist(), strict=True)]
-        orthant = np.sqrt(sum(part * part for part in np.meshgrid(*axes, indexing="ij", sparse=True)))
-        self.moduli, which = np.unique(orthant, return_inverse=True)
-        self._which = which.reshape(orthant.shape).astype(np.int32)[
-            np.ix_(*(np.abs(_frequency_indices(m)) for m in shape))
-        ]
-        self._half = np.zeros(shape, dtype=np.complex128)
+        self._counts, self._which, self._tolerance = lattice.counts, lattice.which, tolerance
+        self._half = np.zeros(lattice.which.shape, dtype=np.complex128)
         self._current_points: NDArray[np.intp] | None = None
         self._summed_points: NDArray[np.intp] | None = None
 
@@ -329,7 +358,7 @@ class _LatticeSum:
                 self._transform(waiting, term)
                 waiting = None
         if waiting is not None:
-            self._transform(waiting, Term(waiting.members[:0], waiting.strengths[:0], np.zeros_like(self.moduli)))
+            self._transform(waiting, Term(waiting.members[:0], waiting.strengths[:0], np.zeros_like(waiting.factor)))
         total = np.roll(np.flip(self._half), 1, axis=tuple(range(self._half.ndim)))  # moves -k to k
         np.add(self._half, np.conj(total, out=total), out=total)
         return total if total.shape == self._counts else total[np.ix_(*map(_frequency_indices, self._counts))]
@@ -365,9 +394,10 @@ class _LatticeSum:
         """
         if term.members is not self._summed_points:  # terms of a basis share their points
             self._summed_points = term.members
+            shape: tuple[int, ...] = self._half.shape
             first, *rest = (
                 np.exp(-2j * math.pi * _frequency_indices(m)[:, None] * column)
-                for m, column in zip(self._half.shape, self._shares[term.members].T, strict=True)
+                for m, column in zip(shape, self._shares[term.members].T, strict=True)
             )
             others = rest[0] if len(rest) == 1 else (rest[0][:, None] * rest[1]).reshape(-1, len(term.members))
             self._factors = first, others

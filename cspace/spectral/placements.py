@@ -1,0 +1,422 @@
+"""Best placements of one ball set on another: correlation by FFT at each rotation, then ascent along the gradient."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.arrays import Floats
+from cspace.check import check_count, check_finite, check_flag, check_not_negative, check_positive
+from cspace.compiling import kernel
+from cspace.errors import InputError
+from cspace.rotations import Rotations
+from cspace.spectral.bump import Bump, pair_integrals
+from cspace.spectral.descriptors import (
+    PLACEMENT_ROUNDING,
+    BallDescriptor,
+    BallsLike,
+    as_balls,
+    check_same_dim,
+    common_bump,
+    union,
+)
+from cspace.spectral.overlap import FourierOverlap, rotation_matrix
+from cspace.spectral.spectra import (
+    Complexes,
+    FrequencyLattice,
+    ball_spectrum,
+    norm_square,
+    radial_terms,
+    sum_terms,
+)
+from cspace.threads import cores
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+MAX_SEARCH_FREQUENCIES: Final = 2**18
+"""Largest number of frequencies, opposite ones counted once, of a search band chosen automatically."""
+
+SEARCH_ACCURACY: Final = 1e-5
+"""Accuracy of the spectra of a search, relative to their largest values; the scores returned do not depend on it."""
+
+SPARE_PLACEMENTS: Final = 8
+"""Placements refined beyond twice those asked for, because some climb to one peak."""
+
+SPARE_SEPARATION: Final = 0.5
+"""Distance of placements that are refined, relative to the distance of those returned."""
+
+MAX_ASCENT_STEPS: Final = 40
+"""Largest number of steps by which a placement is refined."""
+
+MAX_ASCENT_LENGTH: Final = 2.0
+"""Length of the longest steps, in spacings of the lattice."""
+
+ASCENT_TOLERANCE: Final = 1e-3
+"""Length of the last steps, in spacings of the lattice."""
+
+PAIRS_PER_BATCH: Final = 2**20
+"""Pairs of balls whose distances are held at once."""
+
+_TINY: Final = float(np.finfo(np.float64).tiny)
+
+
+class Placements(NamedTuple):
+    """Placements of a ball set A with their scores, best first.
+
+    A point p of A lies at ``rotations[k] @ p + translations[k]``.
+
+    Attributes
+    ----------
+    scores, bounds : ndarray, shape (n,)
+        Score of each placement, square or cubic metres, and its largest difference from the ideal score.
+    translations : ndarray, shape (n, d)
+        Metres.
+    rotations : ndarray, shape (n, d, d)
+        Rotation matrices.
+    """
+
+    scores: Floats
+    bounds: Floats
+    translations: Floats
+    rotations: Floats
+
+    @property
+    def configurations(self) -> Floats:
+        """Placements as configurations of maps: (x, y, yaw), or x, y, z and a quaternion (x, y, z, w)."""
+        if self.translations.shape[1] == 2:
+            angles = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
+        elif len(self.scores):
+            from scipy.spatial.transform import Rotation
+
+            angles = Rotation.from_matrix(self.rotations).as_quat()
+        else:
+            angles = np.empty((0, 4))
+        return np.column_stack([self.translations, angles])
+
+
+def best_placements(
+    a: BallsLike,
+    b: BallsLike,
+    rotations: int | Rotations | Rotation | ArrayLike,
+    n: int = 10,
+    *,
+    avoid: BallsLike | None = None,
+    penalty: float = 10.0,
+    separation: float | None = None,
+    refine_rotations: bool = True,
+    bump: Bump | None = None,
+    band: float | None = None,
+    tolerance: float = 0.01,
+) -> Placements:
+    """Find the placements of A with the best scores, over a grid of rotations.
+
+    The score is the overlap of A with B, minus ``penalty`` times its overlap with ``avoid``; overlaps as in
+    :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores at all translations of a lattice, the
+    rotational search of docking (Chen and Weng, 2002; Kozakov and others, 2006). The highest peaks then climb along the
+    gradient with respect to translation and rotation. A peak narrower than the steps of the lattice and of
+    ``rotations`` may be missed; the scores returned do not depend on either.
+
+    Parameters
+    ----------
+    a, b, avoid : object with ``centers`` and ``radii``, or (centers, radii)
+        Balls of A, in its own frame, of what A shall overlap, and of what it shall not; metres. To put a part into a
+        pocket, pass the pocket as ``b`` and the material around it as ``avoid``. To put it next to others, pass their
+        balls with larger radii as ``b``, and as they are as ``avoid``.
+    rotations : int, Rotations, scipy Rotation, or array-like of angles (m,) or matrices (m, d, d)
+        Rotations of A about the origin of its frame. A whole number means as many yaws. Spacings of 10 degrees are
+        usual.
+    n : int
+        Largest number of placements.
+    penalty : float
+        Zero or above.
+    separation : float, optional
+        Smallest root mean square displacement of the centers of A's balls between two of the placements, metres. By
+        default half the radius of gyration of A. Rotations that leave A as it looks are placements of their own.
+    refine_rotations : bool
+        Whether the ascent rotates A too. Otherwise, it keeps to ``rotations``.
+    bump : Bump, optional
+        As for :class:`FourierOverlap`.
+    band : float, optional
+        Highest frequency of the search along each axis, cycles per metre. By default, the search errs by about
+        ``tolerance`` times the overlap of A with itself. At most about 260,000 frequencies are used.
+    tolerance : float
+
+    Returns
+    -------
+    Placements
+        Scores are sums over pairs of balls, whose error is bounded. There are fewer than ``n`` placements if the search
+        found fewer with positive scores.
+
+    Memory is that of one rotation and the best placements so far. Raises InputError if a value is not as stated.
+    Raises MissingPackageError if finufft is not installed.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from cspace.spectral import best_placements, decompose
+    >>> part, pocket = (decompose(shapely.box(0, 0, x, 1), kind="inner", number=16) for x in (2, 4))
+    >>> best = best_placements(part, pocket, 36, n=1)
+    >>> best.translations.shape, best.rotations.shape
+    ((1, 2), (1, 2, 2))
+    """
+    sets = {name: source for name, source in {"a": a, "b": b, "avoid": avoid}.items() if source is not None}
+    kind = common_bump(bump, *sets.values())
+    body, target, *others = (as_balls(source, name, kind) for name, source in sets.items())
+    number, cost = check_count(n, "n", 1, hint="pass e.g. 10"), check_not_negative(penalty, "penalty", "pass e.g. 10")
+    check_flag(refine_rotations, "refine_rotations")
+    for balls in others:
+        check_same_dim("avoid", balls.dim, target.dim)
+    weights = np.concatenate([np.ones(len(target.radii)), *(np.full(len(balls.radii), -cost) for balls in others)])
+    score = _Score(body, union(target, *others), weights, band, tolerance)
+    matrices = _rotation_matrices(rotations, body.dim)
+    apart = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
+    most, found = 2 * number + SPARE_PLACEMENTS, _Poses.none(body.dim)
+    for matrix in matrices:
+        floor = found.scores[-1] if len(found.scores) == most else 0.0
+        found = found.append(score.peaks(matrix, float(floor), most)).distinct(
+            score.root, SPARE_SEPARATION * apart, most
+        )
+    found = score.climb(found, refine_rotations).distinct(score.root, apart, number)
+    sums = [score.sum_pairs(*pose) for pose in zip(found.centers, found.rotations, strict=True)]
+    scores, bounds = np.array(sums).reshape(-1, 2).T
+    best = np.argsort(-scores, kind="stable")
+    best = best[scores[best] > bounds[best]]
+    return Placements(scores[best], bounds[best], score.translations(found)[best], found.rotations[best])
+
+
+class _Poses(NamedTuple):
+    """Poses of A: scores (n,), positions of the centroid of its balls (n, d), and matrices (n, d, d)."""
+
+    scores: Floats
+    centers: Floats
+    rotations: Floats
+
+    @classmethod
+    def none(cls, dim: int) -> _Poses:
+        """Return no pose."""
+        return cls(np.empty(0), np.empty((0, dim)), np.empty((0, dim, dim)))
+
+    def select(self, chosen: NDArray[Any]) -> _Poses:
+        """Return the poses of a mask or of some indices."""
+        return _Poses(*(column[chosen] for column in self))
+
+    def append(self, other: _Poses) -> _Poses:
+        """Return these poses followed by others."""
+        return _Poses(*map(np.concatenate, zip(self, other, strict=True)))
+
+    def distinct(self, root: Floats, apart: float, most: int) -> _Poses:
+        """Return at most ``most`` poses, best first, none within a displacement of a better one.
+
+        The displacement is the root mean square over the balls of A. ``root`` is the square root C^(1/2) of the
+        covariance of their centers: the displacement of poses (c, R) is the distance of the vectors (c, R C^(1/2)).
+        """
+        vectors = np.column_stack([self.centers, (self.rotations @ root).reshape(len(self.scores), root.size)])
+        chosen: list[int] = []
+        for pose in np.argsort(-self.scores, kind="stable").tolist():
+            if len(chosen) == most:
+                break
+            if (((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1) >= apart * apart).all():
+                chosen.append(pose)
+        return self.select(np.array(chosen, dtype=np.int64))
+
+
+class _Score:
+    """Score of A at any pose: the overlap with weighted balls.
+
+    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``, the score is the sum
+    of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no spectrum of A: it takes cubic splines of G.
+    """
+
+    def __init__(
+        self, body: BallDescriptor, target: BallDescriptor, weights: Floats, band: float | None, tolerance: float
+    ) -> None:
+        self.body, self.target, self.weights, self.dim = body, target, weights, body.dim
+        from scipy.fft import next_fast_len
+
+        scale = norm_square(body)[0]
+        overlap = FourierOverlap(body, target, bump=body.bump, threshold=scale, band=band, tolerance=tolerance)
+        shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim)) if band is None else 1.0
+        counts = tuple(2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in overlap.counts)
+        self.lengths, self.shape = np.array(overlap.lengths), [next_fast_len(count, real=True) for count in counts]
+        self.lattice = FrequencyLattice.of(counts, self.lengths)
+        self.terms = list(radial_terms(self.lattice, body.bump, body.radii, SEARCH_ACCURACY))
+        balls = target.centers - target.center, target.radii, body.bump
+        self.spectrum = ball_spectrum(*balls, self.lengths, counts, SEARCH_ACCURACY, weights=weights)
+        self.centroid = body.centers.mean(axis=0)
+        self.arms = body.centers - self.centroid
+        values, axes = np.linalg.eigh(self.arms.T @ self.arms / len(self.arms))
+        self.root = axes * np.sqrt(np.maximum(values, 0.0)) @ axes.T
+        self.gyration = math.sqrt(float(values.sum() + (body.radii**2).mean()))
+
+    def translations(self, poses: _Poses) -> Floats:
+        """Return the translations of poses about the origin of A's frame, shape (n, d)."""
+        return np.asarray(poses.centers - poses.rotations @ self.centroid)
+
+    def peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
+        """Return the highest local maxima above a score, at one rotation, over a lattice of translations."""
+        from scipy.ndimage import maximum_filter
+
+        moved = (self.body.centers - self.body.center) @ matrix.T
+        body = sum_terms(self.lattice, moved, self.terms, SEARCH_ACCURACY)
+        values = self._inverse(self.spectrum * body.conj())
+        if values.max() <= floor:
+            return _Poses.none(self.dim)
+        tops = np.flatnonzero((values > floor) & (values == maximum_filter(values, 3, mode="wrap")))
+        if len(tops) > most:
+            tops = tops[np.argpartition(-values.ravel()[tops], most)[:most]]
+        parts = np.stack(np.unravel_index(tops, self.shape), axis=1) / self.shape
+        centers = (parts - np.round(parts)) * self.lengths + self.target.center
+        centers += matrix @ (self.centroid - self.body.center)
+        scores = values.ravel()[tops]
+        return _Poses(scores, centers, np.broadcast_to(matrix, (len(tops), *matrix.shape)))
+
+    def _inverse(self, spectrum: Complexes, *, spline: bool = False) -> Floats:
+        """Return a function with a given spectrum on a lattice, or the coefficients of its cubic spline there."""
+        from scipy.fft import irfftn
+
+        rows = [np.fft.fftfreq(count, 1.0 / count).astype(np.int64) for count in self.lattice.counts]
+        rows[-1] = rows[-1][: len(rows[-1]) // 2 + 1]
+        half = spectrum[..., : len(rows[-1])] * (math.prod(self.shape) / math.prod(self.lengths))
+        if spline:
+            for axis, (row, count) in enumerate(zip(rows, self.shape, strict=True)):
+                half /= ((2.0 + np.cos(2.0 * math.pi / count * row)) / 3.0).reshape(-1, *[1] * (self.dim - 1 - axis))
+        padded = np.zeros((*self.shape[:-1], self.shape[-1] // 2 + 1), dtype=np.complex128)
+        padded[np.ix_(*rows)] = half
+        return np.asarray(irfftn(padded, s=self.shape, workers=cores()))
+
+    @cached_property
+    def _splines(self) -> list[Floats]:
+        """Coefficients of the field of each term, with a last axis of length one in the plane."""
+        factors = (term.factor[self.lattice.which] for term in self.terms)
+        fields = (self._inverse(self.spectrum * factor, spline=True) for factor in factors)
+        return [field.reshape(*field.shape, *[1] * (3 - self.dim)) for field in fields]
+
+    def climb(self, poses: _Poses, turn: bool) -> _Poses:
+        """Move poses along the gradient to maxima nearby, by BFGS in metres along the axes and of arc."""
+        poses, slopes = self._scored(poses, turn)
+        spacing = float((self.lengths / self.lattice.counts).min())
+        trust = np.full(len(slopes), 0.5 * spacing)
+        sizes = np.maximum(np.linalg.norm(slopes, axis=1), _TINY)
+        inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
+        live = np.arange(len(slopes))
+        for _ in range(MAX_ASCENT_STEPS):
+            steps = np.einsum("nij,nj->ni", inverse[live], slopes[live])
+            lengths = np.maximum(np.linalg.norm(steps, axis=1), _TINY)
+            steps *= np.minimum(1.0, trust[live] / lengths)[:, None]
+            moving = lengths > ASCENT_TOLERANCE * spacing
+            live, steps, lengths = live[moving], steps[moving], np.minimum(lengths, trust[live])[moving]
+            if not len(live):
+                break
+            tried, others = self._scored(self._moved(poses.select(live), steps), turn)
+            inverse[live] = _update_inverse(inverse[live], steps, slopes[live] - others)
+            better = tried.scores > poses.scores[live]
+            trust[live] = np.where(better, np.minimum(2.0 * lengths, MAX_ASCENT_LENGTH * spacing), 0.3 * lengths)
+            slopes[live[better]] = others[better]
+            for column, new in zip(poses, tried, strict=True):
+                column[live[better]] = new[better]
+        return poses
+
+    def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
+        """Move poses by steps (n, d), or by steps and rotations about the centroid (n, 3) or (n, 6)."""
+        rotations, turns = poses.rotations, steps[:, self.dim :] / self.gyration
+        if turns.shape[1] == 1:
+            cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
+            rotations = np.stack([cosine, -sine, sine, cosine], axis=1).reshape(-1, 2, 2) @ rotations
+        elif turns.shape[1] == 3:
+            from scipy.spatial.transform import Rotation
+
+            rotations = Rotation.from_rotvec(turns).as_matrix() @ rotations
+        return poses._replace(centers=poses.centers + steps[:, : self.dim], rotations=rotations)
+
+    def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
+        """Return poses with their scores, and the derivatives along steps, see :meth:`_moved`."""
+        arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
+        cells = np.array(self.shape) / self.lengths
+        places = np.zeros((len(arms), arms.shape[1], 3))
+        places[..., : self.dim] = (poses.centers[:, None] - self.target.center + arms) * cells
+        sums, scratch = np.zeros((len(arms), arms.shape[1], 4)), np.empty((3, 2, 4))
+        for term, spline in zip(self.terms, self._splines, strict=True):
+            add_slopes(spline, places, term.members, term.strengths, scratch, sums)
+        scores, forces = sums[..., 0].sum(axis=1), sums[..., 1 : 1 + self.dim] * cells
+        parts = [forces.sum(axis=1)]
+        if turn:
+            pairs = [(0, 1)] if self.dim == 2 else [(1, 2), (2, 0), (0, 1)]
+            twists = [(arms[..., i] * forces[..., j] - arms[..., j] * forces[..., i]).sum(axis=1) for i, j in pairs]
+            parts.append(np.stack(twists, axis=1) / self.gyration)
+        return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(parts, axis=1)
+
+    def sum_pairs(self, center: Floats, matrix: Floats) -> tuple[float, float]:
+        """Return the ideal score of a pose, summed over pairs of balls, and a bound of its error."""
+        moved, (body, target) = self.arms @ matrix.T + center, (self.body.radii, self.target.radii)
+        value = error = 0.0
+        # Lens-shaped overlaps change by at most a cross-section of the smaller ball times a change of the distance.
+        shift = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + float(np.abs(center).max()))
+        for part in np.array_split(np.arange(len(body)), math.ceil(len(body) * len(target) / PAIRS_PER_BATCH)):
+            gaps = np.linalg.norm(moved[part, None] - self.target.centers, axis=2)
+            i, j = np.nonzero(gaps < body[part, None] + target + shift)
+            first, second = body[part][i], target[j]
+            values, errors = pair_integrals(self.body.bump, first, second, gaps[i, j], self.dim)
+            edges = {2: 2.0, 3: math.pi}[self.dim] * np.minimum(first, second) ** (self.dim - 1)
+            value += float(self.weights[j] @ values)
+            error += float(np.abs(self.weights[j]) @ (errors + shift * edges + 2.0**-40 * values))
+        return value, error
+
+
+@kernel
+def add_slopes(
+    spline: Floats, places: Floats, members: NDArray[np.intp], strengths: Floats, weights: Floats, out: Floats
+) -> None:
+    """Add a periodic cubic spline times strengths, and its derivatives, at some of the places (n, k, 3), in cells.
+
+    ``spline``, shape (nx, ny, nz), are its coefficients. ``out`` has shape (n, k, 4): the value, and the derivatives
+    along the axes, per cell. ``weights``, shape (3, 2, 4), is scratch.
+    """
+    for n in range(len(places)):
+        for member in range(len(members)):
+            k = members[member]
+            for axis in range(3):
+                u = places[n, k, axis] - math.floor(places[n, k, axis])
+                v = 1.0 - u
+                weight, slope = weights[axis]
+                weight[0], weight[3] = v * v * v / 6.0, u * u * u / 6.0
+                weight[1], weight[2] = 2.0 / 3.0 - u * u * (1.0 - u / 2.0), 2.0 / 3.0 - v * v * (1.0 - v / 2.0)
+                slope[0], slope[3] = -v * v / 2.0, u * u / 2.0
+                slope[1], slope[2] = u * (1.5 * u - 2.0), v * (2.0 - 1.5 * v)
+            for i in range(4):
+                x = (math.floor(places[n, k, 0]) + i - 1) % spline.shape[0]
+                for j in range(4):
+                    y = (math.floor(places[n, k, 1]) + j - 1) % spline.shape[1]
+                    for h in range(4):
+                        z = (math.floor(places[n, k, 2]) + h - 1) % spline.shape[2]
+                        value = strengths[member] * spline[x, y, z]
+                        out[n, k, 0] += value * weights[0, 0, i] * weights[1, 0, j] * weights[2, 0, h]
+                        out[n, k, 1] += value * weights[0, 1, i] * weights[1, 0, j] * weights[2, 0, h]
+                        out[n, k, 2] += value * weights[0, 0, i] * weights[1, 1, j] * weights[2, 0, h]
+                        out[n, k, 3] += value * weights[0, 0, i] * weights[1, 0, j] * weights[2, 1, h]
+
+
+def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
+    """Return inverse Hessians (n, k, k), negated, after steps that changed the negated slopes (BFGS)."""
+    products = (steps * changes).sum(axis=1)
+    usable = products > 1e-10 * np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
+    rho = np.where(usable, 1.0 / np.where(usable, products, 1.0), 0.0)[:, None, None]
+    left = np.eye(steps.shape[1]) - rho * steps[:, :, None] * changes[:, None, :]
+    return np.asarray(left @ inverse @ np.swapaxes(left, 1, 2) + rho * steps[:, :, None] * steps[:, None, :])
+
+
+def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
+    """Return rotation matrices, shape (m, d, d), of the argument of :func:`best_placements`."""
+    if isinstance(rotations, Rotations | int | np.integer):
+        cells = Rotations.of(rotations)
+        cells._check_dimension(dim)
+        return cells._matrices(cells.centers, dim)
+    values = check_finite(rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations, "rotations")
+    flat = np.atleast_1d(values) if dim == 2 and values.ndim < 2 else values.reshape(-1, *values.shape[-2:])
+    if not len(flat):
+        raise InputError("rotations", "is empty", "there must be one", "pass e.g. Rotations.of(36)", value=rotations)
+    return np.stack([rotation_matrix(value, dim) for value in flat])
