@@ -173,6 +173,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     # ---- look-ups ----------------------------------------------------------------------------------------------------
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Return configurations as an array, shape (..., size).
+
+        Raises InputError if one is not usable.
+        """
         points = as_points(q, name, self.size)
         evaluate_batch(
             points, self.size, self._classify(), np.uint8, int, name, self._angles
@@ -347,6 +351,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @cached_property
     def _states_query(self) -> Query:
+        """Return the query that writes the state of each configuration."""
         from cspace.map.points import classify
 
         return self._backend.query(classify, passed=FREE)
@@ -358,6 +363,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return self._backend.query(self._exact.points) if exact else partial(_are_free, self._classify())
 
     def _edges(self, number: int, exact: bool) -> Query:
+        """Return the query that tests edges.
+
+        It is chosen for ``number`` edges; with ``exact``, geometry decides.
+        """
         from cspace.map.edges import edges_are_free
 
         if exact:

@@ -219,11 +219,13 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def _summary(self) -> str:
+        """Counts of the states, for the repr."""
         free, mixed, blocked = self.count()
         return f"{free=}, {mixed=}, {blocked=}"
 
     @property
     def _facts(self) -> dict[str, object]:
+        """Plain values by name that describe the map."""
         grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
         arrays: list[Any] = [states, *fields.values()] + ([] if self.overlap_counts is None else [self.overlap_counts])
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
@@ -911,6 +913,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _updates(self) -> Updater:
+        """Updater of the states."""
         from cspace.update import Updater
 
         return Updater(self._contents, self._rasters, self._exterior, self._refresh)
@@ -1059,6 +1062,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _exact(self) -> ExactQueries:
+        """Queries with exact geometry."""
         from cspace.exact.proofs import ExactQueries
 
         return ExactQueries(self._problem())
@@ -1074,6 +1078,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _components(self) -> Components:
+        """Connected components of the map."""
         needed, fewer = COMPONENT_STATE_BYTES * self._seen.size, self.rotations._argument_for_fewer
         check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
         return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
@@ -1086,6 +1091,7 @@ class CSpace(ConfigurationMap, MapExport):
         return PeriodicComponents(*of_slices, self.periodic_axes) if self._contents.periodic else Components(*of_slices)
 
     def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
+        """Guess whether two cells are disconnected; see the base class."""
         return self._components.hint(cells)
 
     @property
@@ -1099,71 +1105,83 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _mip(self) -> OccupancyPyramid:
+        """Pyramid of cells that are not FREE."""
         from cspace.map.mip import OccupancyPyramid
 
         return OccupancyPyramid(self._seen, self._lock)
 
     @lazy
     def _runs(self) -> Runs:
+        """Runs of the outer rasters."""
         from cspace.map.overlaps import Runs
 
         return Runs.of([outer for outer, _ in self._rasters])
 
     @lazy
     def _outer_sums(self) -> Sums:
+        """Sums of the outer cells, for overlap counts."""
         from cspace.map.overlaps import Sums
 
         return Sums(self.workspace.outer)
 
     @lazy
     def _inner_sums(self) -> Sums:
+        """Sums of the inner cells, for overlap counts."""
         from cspace.map.overlaps import Sums
 
         return Sums(self.workspace.inner)
 
     @lazy
     def _free_cells(self) -> FreeCells:
+        """FREE cells, for sampling."""
         from cspace.map.sampling import FreeCells
 
         return FreeCells(self._seen)
 
     @lazy
     def _turn_costs(self) -> Floats:
+        """Cost of rotating to neighboring rotation cells, in cells."""
         from cspace.map.search import turn_costs
 
         return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
 
     @lazy
     def _guides(self) -> Guides:
+        """Coarse copies of the map that guide searches."""
         from cspace.map.search import Guides
 
         return Guides(self._seen, self._slice_of, self.rotations._neighbors, self._turn_costs)
 
     @lazy
     def _widest(self) -> Widest:
+        """Clearances for the widest paths."""
         from cspace.map.widest import Widest
 
         return Widest.of(self._grid_kernel_map, self._seen, self.rotations, self.periodic_axes[: self.grid.dim])
 
     @lazy
     def _inflation(self) -> Inflation:
+        """Clearances for costmaps."""
         from cspace.map.clearance import Inflation
 
         return Inflation(self._seen, self._exterior.table, self._lock)
 
     @lazy
     def _point_checker(self) -> Callable[..., bool]:
+        """Fast test of configurations."""
         from cspace.map.callbacks import point_checker
 
         return point_checker(self._kernel_map, self.size)
 
     @lazy
     def _edge_checker(self) -> Callable[..., bool]:
+        """Fast test of edges."""
         from cspace.map.callbacks import edge_checker
 
         return edge_checker(self._kernel_map, self.size)
 
     def _cells_of(self, points: Floats) -> Ints:
+        """Return the cells of configurations, wrapped along periodic axes."""
         periodic = self._contents.periodic
         if not periodic:
             return super()._cells_of(points)
@@ -1171,17 +1189,23 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _backend(self) -> MemoryBackend:
+        """Backend of the queries."""
         return MemoryBackend(self._kernel_map, self._contents.periodic, self._lock)
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
     def _clearances(self) -> Query:
+        """Return the query that computes clearances."""
         from cspace.map.clearance import clearances
 
         query = self._backend.query(clearances, self._marks(cells=True))
         return in_spatial_order(query, self.grid.lower, self.grid.upper)
 
     def _blocks(self, number: int) -> Words | None:
+        """Return the occupancy bits of blocks, if useful.
+
+        They are useful if they pay off for a ``number`` of edges.
+        """
         from cspace.map.mip import MAX_CELLS_PER_EDGE
 
         if CSpace._mip.cached(self._unrolled) is None and number * MAX_CELLS_PER_EDGE < self._seen.size:
@@ -1189,6 +1213,7 @@ class CSpace(ConfigurationMap, MapExport):
         return self._marks(cells=False).blocks
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
+        """Count the overlaps of the robot with outer or inner cells."""
         from cspace.map.overlaps import overlaps
 
         self._refuse_periodic("overlap_count", "use classify()")

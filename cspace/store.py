@@ -595,6 +595,10 @@ class Store:
         return self._decode(name, index, content, out)
 
     def _decode(self, name: str, index: Sequence[int], content: bytes, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Decompress a chunk of an array.
+
+        It is written to ``out``, if the array fits.
+        """
         file, (shape, dtype, _) = self.path / _chunk_file(name, index), self._chunk(name)
         with decoding_map(file):
             size = math.prod(shape) * dtype.itemsize
@@ -774,6 +778,10 @@ class Store:
             return self._contents()
 
     def _contents(self) -> Contents:
+        """Read the whole map into memory.
+
+        Raises an error if it is unfinished or damaged.
+        """
         if not self.is_done:
             raise unfinished_map_error(self.path, self.share_done)
         for name in TILED:

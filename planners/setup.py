@@ -64,6 +64,7 @@ def state_space(
 
 
 def _make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
+    """Create OMPL's state space, with bounds."""
     states = edges.make_states()
     lower, upper = edges.bounds
     kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())

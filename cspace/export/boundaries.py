@@ -71,6 +71,7 @@ def write_boundary(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike
 
 
 def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    """Write a mesh as binary PLY."""
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
@@ -87,12 +88,17 @@ def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
 
 def _write_obj(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     # The repr of a float is the shortest text that reads back as the same float.
+    """Write a mesh as OBJ."""
     for start, table, form in ((0, vertices, "v %r %r %r\n"), (1, faces, "f %r %r %r\n")):
         for block in _iterate_blocks(table):
             file.write((form * len(block) % tuple((block + start).ravel().tolist())).encode())
 
 
 def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    """Write a mesh as binary STL.
+
+    Raises InputError if single precision merges corners.
+    """
     with np.errstate(over="ignore", under="ignore"):
         single = vertices.astype("<f4")
     file.write(b"binary STL, metres".ljust(80) + np.uint32(len(faces)).astype("<u4").tobytes())

@@ -72,6 +72,7 @@ def _slice_writer(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None
 
 
 def _write_vti_cells(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+    """Write the states at some rotation cells as VTI."""
     rotations = contents.rotations
     about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
     write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)

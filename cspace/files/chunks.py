@@ -90,6 +90,7 @@ def _zstd_size(content: bytes) -> int | None:
 
 
 def _gunzip(content: bytes, limit: int) -> bytes:
+    """Decompress gzip data up to ``limit`` bytes."""
     import gzip
 
     with gzip.GzipFile(fileobj=io.BytesIO(content)) as stream:

@@ -135,6 +135,10 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
 
 
 def _convert_image(image: Image) -> Shades:
+    """Convert an image of Pillow to shades.
+
+    Raises an error if the meaning of its pixels is unknown.
+    """
     is_clear, most = image.has_transparency_data, 255
     if image.mode in ("1", "L") and not is_clear:
         channels = "L"

@@ -74,6 +74,7 @@ def read_points(path: StrPath) -> Floats:
 
 
 def _read_npy(path: StrPath) -> Floats:
+    """Read the points of a ``.npy`` file, shape (n, 3)."""
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         rule = "a cloud is one array of numbers of shape (n, 3)"
@@ -82,6 +83,10 @@ def _read_npy(path: StrPath) -> Floats:
 
 
 def _read_text(path: StrPath) -> Floats:
+    """Read the points of a text file, shape (n, 3).
+
+    Further columns are ignored.
+    """
     rows = read_columns(read_text(path, "point cloud", memory=12.0))
     if len(rows) and rows.shape[1] < 3:
         raise ContentError(f"has {rows.shape[1]} columns", "points have x, y and z", "write three columns")
@@ -178,6 +183,7 @@ def _check_pcd_header(entries: dict[str, list[str]], lines: int) -> _PcdHeader:
 
 
 def _decode_ascii(header: _PcdHeader, body: bytes, file: str) -> Floats:
+    """Decode the points of a text PCD file, shape (n, 3)."""
     rows = read_columns(body.decode("latin-1"), header.lines + 1)
     starts = np.cumsum([0, *header.counts])
     if len(rows) != header.points:
@@ -188,6 +194,7 @@ def _decode_ascii(header: _PcdHeader, body: bytes, file: str) -> Floats:
 
 
 def _decode_binary(header: _PcdHeader, body: bytes, file: str) -> Floats:
+    """Decode the points of a binary PCD file, shape (n, 3)."""
     record = header.record
     if len(body) < header.points * record.itemsize:
         raise ContentError(f"holds {len(body) // record.itemsize} points but its header says {header.points}")

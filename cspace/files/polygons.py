@@ -181,6 +181,7 @@ def _fit_planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bo
 
 
 def _face_error(polygon: Ints, what: str) -> ContentError:
+    """Return the error for a face without clear triangles."""
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
     problem = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
@@ -423,6 +424,7 @@ def _check_elements(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Int
 
 
 def _parse_ply_header(content: bytes) -> PlyHeader:
+    """Parse the header of a PLY file."""
     counts: dict[str, int] = {}
     properties: dict[str, list[tuple[str, bool]]] = {}
     form, name = "", ""

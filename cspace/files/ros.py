@@ -104,6 +104,10 @@ class _MapHeader:
 
 
 def _read_header(path: str | os.PathLike[str]) -> _MapHeader:
+    """Read the YAML file of a ROS map.
+
+    Raises an error that names the key if a value is missing or wrong.
+    """
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
         raise _key_error(f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
@@ -175,6 +179,7 @@ def _key_error(problem: str, rule: str, hint: str) -> ContentError:
 
 
 def _classify_trinary(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
+    """Return the free and the occupied pixels, by thresholds."""
     free, occupied = (
         image.where(lambda shade: _occupied_probability(header, shade) < header.free_thresh),
         image.where(lambda shade: _occupied_probability(header, shade) >= header.occupied_thresh),
@@ -188,6 +193,11 @@ def _classify_scale(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
 
 
 def _classify_raw(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
+    """Return the free and the occupied pixels of raw mode.
+
+    A raw shade is a percentage; shades above 100 are unknown.
+    """
+
     def percent(shade: Floats) -> Floats:
         return np.floor(255.0 * shade + 0.5)
 
@@ -405,6 +415,10 @@ def missing_field_error(argument: str, path: str, kind: str) -> InputError:
 
 
 def _parse_size(msg: object, name: str) -> int:
+    """Return the width or height of a message.
+
+    Raises InputError if it is not a positive integer.
+    """
     value = _get_field(msg, f"info.{name}")
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         rule = "it must be a whole number above zero"
@@ -533,6 +547,7 @@ def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Ma
 
 
 def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
+    """Parse the robot of a costmap's parameters."""
     footprint: Any = table.get("footprint")
     padding = check_not_negative(
         table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"

@@ -110,6 +110,10 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
 
 
 def _from_wkt(text: str, name: str) -> BaseGeometry:
+    """Parse a geometry in WKT.
+
+    Raises GeometryError if it is malformed.
+    """
     import shapely
 
     hint = f"correct {text[:60]!r}"

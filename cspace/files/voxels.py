@@ -184,6 +184,10 @@ def _parse_nrrd_header(content: bytes) -> NrrdHeader:
 
 
 def _parse_sizes(fields: dict[str, str]) -> tuple[int, ...]:
+    """Parse the number of cells along each axis.
+
+    Raises ContentError if they are missing or malformed.
+    """
     words = fields.get("sizes", "").split()
     if not words or not all(is_count(word) and int(word) > 0 for word in words):
         raise ContentError(f"says sizes {fields.get('sizes', '')[:40]!r}", "they must be whole numbers above zero")
@@ -195,6 +199,10 @@ def _parse_sizes(fields: dict[str, str]) -> tuple[int, ...]:
 
 
 def _parse_dtype(fields: dict[str, str]) -> np.dtype[Any]:
+    """Parse the type of the values.
+
+    Raises ContentError if it is unknown.
+    """
     kind = " ".join(fields.get("type", "").lower().split())
     code = next((code for code, names in _NRRD_TYPES.items() if kind in names), None)
     if code is None:

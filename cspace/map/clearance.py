@@ -69,7 +69,8 @@ CLEARANCE_ROUNDING: Final = 2.0**-40
 def clearance_at(map_: Map, marks: OccupancyBits, q: Numbers, upper_bound: float) -> float:
     """Return a lower bound of the clearance, in cells.
 
-    ``upper_bound`` is a known upper bound of the result, or infinity.
+    Clearance is the distance, at one rotation, from configuration `q` to the nearest configuration that is not FREE.
+    ``upper_bound`` is a known upper bound of the result, in cells, or infinity.
     """
     if state_at(map_, q) != FREE:
         return 0.0
@@ -95,7 +96,8 @@ def clearance_at(map_: Map, marks: OccupancyBits, q: Numbers, upper_bound: float
 def square_outside(map_: Map, s: int, position: Position) -> float:
     """Return the squared distance to non-FREE cells outside the grid.
 
-    The result is infinite if the exterior is FREE.
+    The distance, in cells, is that from ``position``, in cells along three axes, in slice `s`. The result is infinite
+    if the exterior is FREE.
     """
     dim, table = len(map_.lower), map_.exterior
     exterior_blocked, best = table[s, 2 * dim] != FREE, math.inf
@@ -126,13 +128,14 @@ def square_outside(map_: Map, s: int, position: Position) -> float:
 def search_nearby(marks: OccupancyBits, s: int, position: Position, best: float) -> tuple[float, float]:
     """Search the cells near a position in the grid.
 
-    Return the squared distance within which the search is complete, and the squared distance to the nearest marked cell
-    found, or ``best``.
+    In slice `s`, return the squared distance within which the search is complete, and the squared distance to the
+    nearest marked cell found, or ``best``. Distances are in cells.
     """
     raise NotImplementedError
 
 
 def _search_nearby_in_space(marks: SpaceMarks, s: int, position: Position, best: float) -> tuple[float, float]:
+    """Search the window around a position, if its block is marked."""
     i, j, k = int(position[0]) >> BLOCK_SHIFT, int(position[1]) >> BLOCK_SHIFT, int(position[2]) >> BLOCK_SHIFT
     word = marks.blocks[s, i >> BLOCK_SHIFT, j >> BLOCK_SHIFT, k >> BLOCK_SHIFT, i & (BLOCK_SIDE - 1)]
     if (word >> np.uint64(((k & (BLOCK_SIDE - 1)) << BLOCK_SHIFT) + (j & (BLOCK_SIDE - 1)))) & ONE:
@@ -142,6 +145,7 @@ def _search_nearby_in_space(marks: SpaceMarks, s: int, position: Position, best:
 
 def _search_nearby_in_plane(marks: PlaneMarks, s: int, position: Position, best: float) -> tuple[float, float]:
     # In an empty neighborhood, scanning rows is wasted.
+    """Search the rows around a position, if its node is marked."""
     if marks.nodes[s, 0, int(position[1]) >> 2 * BLOCK_SHIFT, int(position[2]) >> 3 * BLOCK_SHIFT] == 0:
         return 0.0, best
     return ROWS_SQUARE, search_rows(marks, s, position, best)
@@ -151,7 +155,7 @@ def _search_nearby_in_plane(marks: PlaneMarks, s: int, position: Position, best:
 def search_window(marks: SpaceMarks, s: int, position: Position, best: float) -> float:
     """Search eight cells per axis around a position.
 
-    Return the squared distance to the nearest marked cell, at most ``best``. So do the functions below.
+    Return the squared distance to the nearest marked cell in slice `s`, in cells, at most ``best``.
     """
     _, count, wide, long, _ = marks.cells.shape
     first_x, first_y = int(position[0]) - WINDOW_CELLS_BELOW, int(position[1]) - WINDOW_CELLS_BELOW
@@ -187,7 +191,8 @@ def search_window(marks: SpaceMarks, s: int, position: Position, best: float) ->
 def search_rows(marks: PlaneMarks, s: int, position: Position, best: float) -> float:
     """Search the plane by rows of blocks.
 
-    The search goes as far as words around the position reach.
+    The search goes as far as words around the position reach. Return the squared distance to the nearest marked cell in
+    slice `s`, in cells, at most ``best``.
     """
     y, block, count = (
         int(position[1]) >> BLOCK_SHIFT,
@@ -226,8 +231,8 @@ def search_rows(marks: PlaneMarks, s: int, position: Position, best: float) -> f
 def search_block_row(marks: PlaneMarks, s: int, block: int, position: Position, best: float) -> float:
     """Search eight rows of cells in a marked block row.
 
-    There are no branches, because they would be unpredictable. A word without a mark counts as a cell 32 cells away,
-    farther than the mark nearby.
+    Return the squared distance to the nearest marked cell, in cells, at most ``best``. There are no branches, because
+    they would be unpredictable. A word without a mark counts as a cell 32 cells away, farther than the mark nearby.
     """
     z, up, down = int(position[2]), np.uint64(CENTER_BIT), np.uint64(LAST) - np.uint64(CENTER_BIT)
     for k in range(BLOCK_SIDE):
@@ -244,7 +249,11 @@ def search_block_row(marks: PlaneMarks, s: int, block: int, position: Position, 
 
 @kernel
 def search_row_from(marks: PlaneMarks, s: int, row: int, block: int, position: Position, best: float) -> float:
-    """Search a row of blocks, away from the position."""
+    """Search a row of blocks, away from the position.
+
+    The search begins at block ``block`` of row ``row``. Return the squared distance to the nearest marked cell, in
+    cells, at most ``best``.
+    """
     z, first, last = int(position[2]), block << BLOCK_SHIFT, (block << BLOCK_SHIFT) + BLOCK_SIDE - 1
     if last + 1 >= position[2]:
         first = max(first, z)
@@ -276,7 +285,10 @@ def read_word(row: Words, index: int) -> np.uint64:
 
 @always_inline
 def search_nodes(marks: OccupancyBits, s: int, position: Position, best: float) -> float:
-    """Search all nodes of a slice."""
+    """Search all nodes of a slice, nearest first.
+
+    Return the squared distance to the nearest marked cell, in cells, at most ``best``.
+    """
     _, nx, ny, nz = marks.nodes.shape
     below_x, above_x = start_outward(position[0], NODE_SIZE, 0, nx)
     while True:
@@ -310,7 +322,8 @@ def search_node(
 ) -> float:
     """Search a node, which is a block of blocks.
 
-    ``gaps`` are the squared distances to the node along y and z.
+    ``gaps`` are the squared distances to the node along y and z, in cells. Return the squared distance to the nearest
+    marked cell, at most ``best``.
     """
     layers = marks.blocks[s, node[0], node[1], node[2]]
     first_x, first_y, first_z = node[0] * layers.shape[0], node[1] << BLOCK_SHIFT, node[2] << BLOCK_SHIFT
@@ -345,13 +358,18 @@ def search_node(
 def near_bits(
     marks: OccupancyBits, node: Cell, position: Position, x_square: float, gaps: tuple[float, float], best: float
 ) -> np.uint64:
-    """Return the bits of a layer that may be near enough."""
+    """Return the bits of a layer that may be near enough.
+
+    The layer of blocks in ``node`` has the squared distance ``x_square`` along x. Other bits are farther than the
+    square root of ``best``.
+    """
     raise NotImplementedError
 
 
 def _near_bits_in_space(
     marks: SpaceMarks, node: Cell, position: Position, x_square: float, gaps: tuple[float, float], best: float
 ) -> np.uint64:
+    """Return the bits of the blocks that may be near enough."""
     return near_window(
         position,
         BLOCK_SIZE,
@@ -366,19 +384,25 @@ def _near_bits_in_space(
 def _near_bits_in_plane(
     marks: PlaneMarks, node: Cell, position: Position, x_square: float, gaps: tuple[float, float], best: float
 ) -> np.uint64:
+    """Return all bits."""
     return ALL_BITS  # scanning a single layer is faster than masking it
 
 
 def search_block(marks: OccupancyBits, s: int, block: Cell, position: Position, best: float) -> float:
-    """Search a block of cells."""
+    """Search a block of cells.
+
+    Return the squared distance to the nearest marked cell, in cells, at most ``best``.
+    """
     raise NotImplementedError
 
 
 def _search_block_in_plane(marks: PlaneMarks, s: int, block: Cell, position: Position, best: float) -> float:
+    """Search the row of blocks that has the block."""
     return search_row_from(marks, s, block[1], block[2], position, best)
 
 
 def _search_block_in_space(marks: SpaceMarks, s: int, block: Cell, position: Position, best: float) -> float:
+    """Search a block layer by layer, nearest first."""
     layers = marks.cells[s, block[0], block[1], block[2]]
     first_x, first_y, first_z = block[0] * layers.shape[0], block[1] << BLOCK_SHIFT, block[2] << BLOCK_SHIFT
     last_x, seen = first_x + layers.shape[0], np.uint64(0)
@@ -406,7 +430,11 @@ dispatch_on_type(search_block, {SpaceMarks: _search_block_in_space, PlaneMarks: 
 def search_word(
     word: np.uint64, position: Position, first: tuple[int, int], x_square: float, y_min: float, best: float
 ) -> float:
-    """Search a word of cells that starts at ``first``."""
+    """Search a word of 8 x 8 cells.
+
+    Its first cell along y and z is ``first``, and its layer has the squared distance ``x_square``. ``y_min`` is a lower
+    bound of squared distances along y. Return the squared distance to the nearest marked cell, at most ``best``.
+    """
     while word != 0:
         n, z_gap = find_nearest_part(word, BYTE_SHIFT, position[2], 1.0, first[1])
         square = x_square + z_gap * z_gap
@@ -459,6 +487,7 @@ def near_window(
 def near_range(position: float, size: float, first: int, best: float, other: float) -> tuple[int, int]:
     """Return the range of eight blocks that may be near enough.
 
+    The blocks begin at index ``first`` along an axis. ``other`` is the part of squared distances along other axes.
     Bounds are widened, so that rounding loses none.
     """
     reach = math.sqrt(max(best * (1.0 + CLEARANCE_ROUNDING) - other, 0.0)) / size + CLEARANCE_ROUNDING
@@ -468,7 +497,10 @@ def near_range(position: float, size: float, first: int, best: float, other: flo
 
 @always_inline
 def gap(position: float, index: int, size: float) -> float:
-    """Return the distance from a position along an axis."""
+    """Return the distance from a position to a block.
+
+    Both lie along one axis; block ``index`` has ``size`` cells.
+    """
     return max(0.0, index * size - position, position - (index + 1) * size)
 
 

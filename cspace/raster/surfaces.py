@@ -329,7 +329,9 @@ class Buckets(NamedTuple):
 def _fill_buckets(first: Ints, last: Ints, count: int, starts: Ints, entries: Ints) -> None:
     """Sort triangles into buckets by their rows and columns.
 
-    ``first`` and ``last`` are the first and last row and column of each triangle, shape (n, 2).
+    There are ``count`` x ``count`` buckets. ``first`` and ``last``, shape (n, 2), are the first and last row and column
+    of each triangle. ``starts``, zero on input, receives the start of each bucket in ``entries``, and ``entries`` the
+    indices of the triangles.
     """
     for t in range(len(first)):
         for row in range(first[t, 0], last[t, 0] + 1):
@@ -393,7 +395,10 @@ def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
 
 @kernel
 def _bucket_index(value: float, low: float, scale: float, count: int) -> int:
-    """Return the bucket of a coordinate."""
+    """Return the bucket of a coordinate.
+
+    The first of ``count`` buckets begins at ``low``; ``scale`` is the number of buckets per unit of length.
+    """
     return int(min(max(math.floor((value - low) * scale), 0), count - 1))
 
 
@@ -446,8 +451,8 @@ def _interpolate_height(y: float, low_y: float, low_z: float, high_y: float, hig
 def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
     """Return whether an upward ray crosses a triangle.
 
-    The ray begins at the point (x, y, z). It is 1 if the triangle faces up, -1 if it faces down, 0 if they are
-    disjoint.
+    The ray begins at the point (x, y, z). The result is 1 if it crosses a triangle that faces up, -1 if the triangle
+    faces down, and 0 if it misses the triangle.
     """
     sign, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
     return sign if sign != 0 and low_y <= y < high_y and _interpolate_height(y, low_y, low_z, high_y, high_z) > z else 0
@@ -455,7 +460,11 @@ def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
 
 @kernel
 def _sum_crossings(points: Floats, out: Ints, triangles: Floats, windings: Ints, buckets: Buckets) -> None:
-    """Set ``out`` to the winding number at each point."""
+    """Write the winding number at each point.
+
+    It is the sum of ``windings`` over the triangles that an upward ray crosses. ``points`` has shape (n, 3),
+    ``triangles`` (m, 3, 3).
+    """
     low, scale, shape, starts, entries = buckets
     for p in range(len(points)):
         x, y, z = points[p]

@@ -564,6 +564,10 @@ def _read_arrays(shape: Any) -> tuple[Any, Any, str]:
 
 
 def _check_vertices(values: Any, source: str) -> Floats:
+    """Return vertices as an array, shape (V, 3), metres.
+
+    Raises GeometryError if the shape or the size is not usable. Tiny coordinates become zero.
+    """
     vertices = check_finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         rule, hint = "it must be (V, 3), in metres", "pass x, y, z of each vertex"

@@ -150,6 +150,7 @@ class Polygons(ExactShape):
 
     @cached_property
     def _index(self) -> STRtree:
+        """Spatial index of the parts."""
         import shapely
 
         return shapely.STRtree(shapely.get_parts(list(self.geometries)))
@@ -206,6 +207,10 @@ class Polygons(ExactShape):
 
 
 def _iterate_parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
+    """Yield the boundary segments of each part.
+
+    The second value is True for polygons, False for lines and points.
+    """
     import shapely
 
     for shape in shapely.get_parts(list(geometries)):

@@ -128,12 +128,14 @@ def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
 
 
 def _box(box: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+    """Return the surface of a box of a URDF, twice."""
     sides = check_point(box.size, f"{place}: size", 3).tolist()
     surface = Box.of([check_positive(side, f"{place}: size") for side in sides]).surface
     return surface, surface
 
 
 def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+    """Return the surface of a mesh of a URDF, twice."""
     scale = check_finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
         raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it", value=scale)
@@ -144,6 +146,7 @@ def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
 def _round(
     make: Callable[..., BoundsPair], names: Sequence[str], shape: Any, meshes: Mapping[str, Path], place: str
 ) -> BoundsPair:
+    """Return the outer and the inner surface of a curved shape."""
     return make(*(check_positive(getattr(shape, name), f"{place}: {name}") for name in names))
 
 
@@ -288,6 +291,7 @@ class _Reader:
         return objects
 
     def _parts(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
+        """Yield the shapes of an object, with their poses."""
         whole = _pose(entry.get("pose"), f"the pose of {place}")
         makers: dict[str, Callable[[Any, str, Floats], tuple[Shape, Floats]]]
         makers = {"primitives": self._primitive, "meshes": self._mesh, "planes": self._plane}
@@ -307,6 +311,7 @@ class _Reader:
                 yield makers[name](item, here, whole @ pose)
 
     def _primitive(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+        """Return a primitive as a shape, with its pose."""
         table = _table(item, place)
         kind = table.get("type")
         kind = kind.lower() if isinstance(kind, str) else kind
@@ -324,6 +329,7 @@ class _Reader:
         return make(*values[: len(sizes)].tolist()), pose
 
     def _mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+        """Return a mesh as a shape, with its pose."""
         table = _table(item, place)
         if table.get("resource"):
             name = str(table["resource"])
@@ -354,6 +360,7 @@ class _Reader:
         return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}"), pose
 
     def _plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+        """Return a plane as a shape, cut to a ball."""
         if self._plane_ball is None:
             hint = "pass bounds for a workspace, or plane_radius for an arm"
             raise ContentError(f"has a plane, {place}", "a plane has no end, but an obstacle needs one", hint)
@@ -398,6 +405,7 @@ def _transform(shape: Shape, pose: Floats) -> Shape:
 
 
 def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
+    """Move a shape by a pose, shape (4, 4)."""
     if isinstance(shape, Balls):
         return Balls.of(shape.centers @ pose[:3, :3].T + pose[:3, 3], shape.radii)
     if isinstance(shape, Box) and np.array_equal(pose[:3, :3], np.eye(3)):

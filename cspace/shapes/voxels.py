@@ -258,6 +258,7 @@ class Voxels(ExactShape):
 
     @cached_property
     def _boxes(self) -> RoundedBoxes:
+        """Boxes that cover the occupied cells."""
         from cspace.raster.boxes import RoundedBoxes
 
         lows, highs = cover_with_boxes(self.occupied, self.side, self.lower)
@@ -265,6 +266,7 @@ class Voxels(ExactShape):
 
     @cached_property
     def _shell(self) -> ClosedSurface:
+        """Closed surface of the occupied cells."""
         from cspace.raster.surfaces import ClosedSurface
 
         return ClosedSurface(*boundary_mesh(self.occupied, self.side, self.lower))
@@ -293,6 +295,7 @@ class Voxels(ExactShape):
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
 
     def _features(self, matrix: Floats) -> Floats:
+        """Return a table that two shapes share if they are equal."""
         if self.dim == 2:
             endpoints = np.sort(((self._segments.reshape(-1, 2) @ matrix.T) + 0.0).reshape(-1, 2, 2), axis=1)
             return endpoints.reshape(-1, 4)

@@ -107,6 +107,7 @@ class TileBackend:
         self._open(store)
 
     def _open(self, store: Store) -> None:
+        """Open a store, and reset the caches."""
         self.__dict__.pop("exterior", None)
         self.store, self._records = store, {}  # type: tuple[Store, dict[tuple[int, ...], Record]]
         shape = (store.slices, *store.grid.shape)
@@ -229,4 +230,5 @@ def fill_in_pieces(kernel: Kernel, parts: Sequence[Any], out: NDArray[Any]) -> i
 def _run_on_rows(
     kernel: Kernel, arguments: tuple[Any, ...], map_: Map, rows: list[Floats], out: NDArray[Any], start: int, stop: int
 ) -> int:
+    """Run a kernel on some rows of a batch."""
     return kernel(map_, *arguments, *(part[start:stop] for part in rows), out[start:stop])

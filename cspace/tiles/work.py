@@ -199,6 +199,7 @@ def run_tasks(
 
 
 def _memory_error(job: Job, needed: float, free: float) -> InputError:
+    """Return the error for a tile too large for a worker."""
     reach = " x ".join(map(str, (job.reach[1] - job.reach[0]).tolist()))
     return InputError(
         "tile",
@@ -255,6 +256,7 @@ def perform_task(content: bytes, index: Index) -> Any:
 
 
 def _version_error(versions: set[Any]) -> CspaceError:
+    """Return the error for workers with another version of cspace."""
     names = ", ".join(sorted("none" if version is None else str(version) for version in versions))
     return InputError(
         "client",
@@ -266,6 +268,7 @@ def _version_error(versions: set[Any]) -> CspaceError:
 
 
 def _cluster_error(reason: str) -> CspaceError:
+    """Return the error for a lost cluster."""
     return InputError(
         "client",
         f"lost its scheduler or its workers ({reason})",

@@ -165,6 +165,7 @@ class ArmCanvas(Canvas):
         return {link: self._add_mesh(f"/{name}/{link}", self._figure.links[link], color, opacity) for link in links}
 
     def _pose_arm(self, name: str, q: Floats) -> None:
+        """Move the links of an arm to a configuration."""
         poses = self._space.arm.poses(q)
         with self._server.atomic():
             for link, handle in self._links[name].items():

@@ -208,6 +208,7 @@ class Canvas(ABC):
     # ---- drawing -----------------------------------------------------------------------------------------------------
 
     def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
+        """Add a mesh to the scene, and return its handle."""
         handle = self._server.scene.add_mesh_simple(
             name,
             *surface,

@@ -152,6 +152,7 @@ class MapCanvas(Canvas):
         self._gizmos[name].on_update(drag)
 
     def _path_positions(self, q: Floats) -> Floats:
+        """Return the positions at which a path is drawn."""
         positions = self.stage.positions(q)
         positions[:, 2] += 0.0 if self.stage.has_height else 0.6 * self.stage.wall
         return positions
@@ -251,6 +252,7 @@ class MapCanvas(Canvas):
             self._drawn.clear()
 
     def _add_image(self, name: str, section: Section, above: bool) -> None:
+        """Add a section of the map to the scene."""
         width, depth = section.upper - section.lower
         # The part lies in a hole of the whole section; at the same height, the whole section would hide it.
         height = section.height + 1e-3 * width * above
@@ -336,6 +338,10 @@ class Poses:
         return np.array([*np.asarray(position)[: self.dim], *self._rotations._from_matrix(matrix)])
 
     def _matrix(self, q: Floats) -> Floats:
+        """Return the rotation matrix of a configuration.
+
+        Its shape is (3, 3); a map of the plane rotates about z.
+        """
         matrix = np.eye(3)
         matrix[: self.dim, : self.dim] = self._rotations._rotation_matrices(q)
         return matrix

@@ -248,6 +248,7 @@ class Page:
         self._place(q)
 
     def _place(self, q: Floats) -> None:
+        """Show the robot at a configuration."""
         self._canvas.place(q)
         self._drawer.request()
         self._describer.request()
@@ -479,6 +480,7 @@ class Worker:
             self._changed.notify_all()
 
     def _run(self) -> None:
+        """Run the task whenever it was requested, until closed."""
         while True:
             with self._changed:
                 self._busy = False
