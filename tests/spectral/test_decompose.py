@@ -268,7 +268,7 @@ NEAR = {
 @pytest.mark.parametrize("name", NEAR)
 def test_more_balls_are_nearer_and_as_near_as_with_a_tolerance(name, kind):
     shape, tolerance = NEAR[name]
-    distances = [decompose(shape, kind=kind, number=number).hausdorff.upper for number in (6, 12, 24, 48)]
+    distances = [decompose(shape, kind=kind, number=number).hausdorff.upper for number in (6, 12, 24)]
     # Bounds of a distance differ by up to 2 %.
     assert (np.diff(distances) <= 0.02 * np.array(distances[:-1])).all()
     assert distances[-1] < 0.7 * distances[0]

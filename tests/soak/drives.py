@@ -1,0 +1,106 @@
+"""Paths of the lattice in an office, against shortest paths along eight headings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import dijkstra
+
+import cspace
+import planners
+from benchmarks import inputs
+from benchmarks.report import Report
+from cspace import FREE, CSpace, Robot, Workspace
+from cspace.arrays import Floats
+from tests.soak.tally import Rng
+
+OFFICE = "maps/willow-full-0.05.yaml"
+"""Map of an office in the folder of real maps."""
+
+FOOTPRINT = [(-0.3, -0.25), (0.4, -0.25), (0.4, 0.0), (0.05, 0.0), (0.05, 0.35), (-0.3, 0.35)]
+
+HEADINGS = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
+"""Steps along the eight headings, in cells."""
+
+DRIVES = {"differential": None, "differential-reverse": None, "dubins": 0.5, "reeds-shepp": 0.5}
+"""Turning radius in metres of each drive."""
+
+
+def check(report: Report, seed: int, queries: int) -> None:
+    """Plan random queries in the office with each drive."""
+    workspace = inputs.real_map(OFFICE)
+    if workspace is None:
+        report.note(inputs.NO_DATA)
+        return
+    report.section(f"paths of the lattice in an office: {queries} queries, seed {seed}")
+    space, rng = build_office(workspace), np.random.default_rng([seed, 6])
+    pairs = [draw_joined(space, rng) for _ in range(queries)]
+    for drive, radius in DRIVES.items():
+        graph = join_eight_headings(space, drive) if radius is None else None
+        certified, joined, longer = 0, 0, 0
+        for pair in pairs:
+            plan = planners.plan(space, *pair, planner="Lattice", drive=drive, turning_radius=radius, time_limit=20.0)
+            report.check(plan.certified == plan.solved, f"{drive}: certified if solved")
+            certified += plan.certified
+            if graph is not None and math.isfinite(best := shortest_length(space, graph, pair)):
+                joined += 1
+                longer += not plan.certified or weighted_length(plan) > 1.15 * best + 1e-9
+        report.note(f"{drive}: {certified} of {queries} certified")
+        if graph is not None:
+            report.check(not longer, f"{drive}: {longer} of {joined} more than 15 % longer than along eight headings")
+
+
+def build_office(workspace: Workspace) -> CSpace:
+    """Build the map of a robot without symmetry, with 72 yaws."""
+    return cspace.build(workspace, Robot.polygon(FOOTPRINT), rotations=72)
+
+
+def draw_joined(space: CSpace, rng: Rng) -> Floats:
+    """Draw two FREE configurations at the centers of cells that a path connects."""
+    while True:
+        pair = draw_query(space, rng)
+        if space.is_connected(*pair):
+            return pair
+
+
+def draw_query(space: CSpace, rng: Rng) -> Floats:
+    """Draw two FREE configurations at the centers of cells."""
+    q = space.sample_free(2, rng)
+    q[:, :2] = space.grid.center_of(space.grid.cell_of(q[:, :2]))
+    q[:, 2] = space.rotations.centers[space.rotations.cell_of(q[:, 2]), 0]
+    return q
+
+
+def join_eight_headings(space: CSpace, drive: str) -> csr_array:
+    """Return the graph of FREE cells of a robot that turns on the spot and drives along eight headings."""
+    free = np.asarray(space.cell_states) == FREE
+    index = np.arange(free.size).reshape(free.shape)
+    edges = [(index[k], index[(k + 1) % len(free)], free[k] & free[(k + 1) % len(free)]) for k in range(len(free))]
+    turn = math.pi / len(free)  # half a metre for each radian
+    parts = [(a[m], b[m], np.full(m.sum(), turn)) for a, b, m in edges]
+    parts += [(b, a, cost) for a, b, cost in parts]
+    for dx, dy in HEADINGS:
+        k = int(space.rotations.cell_of(math.atan2(dy, dx)))
+        ahead = np.roll(np.pad(free[k], 1), (-dx, -dy), (0, 1))[1:-1, 1:-1]
+        beside = [np.roll(np.pad(free[k], 1), (-a, -b), (0, 1))[1:-1, 1:-1] for a, b in ((dx, 0), (0, dy))]
+        may = free[k] & ahead & beside[0] & beside[1]
+        a = index[k][may]
+        b = a + dx * free.shape[2] + dy
+        parts.append((a, b, np.full(len(a), space.grid.spacing * math.hypot(dx, dy))))
+        parts += [(b, a, parts[-1][2])] * (drive == "differential-reverse")
+    a, b, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return coo_array((cost, (a, b)), shape=(free.size, free.size)).tocsr()
+
+
+def shortest_length(space: CSpace, graph: csr_array, query: Floats) -> float:
+    """Return the length of the shortest path in a graph of cells, infinite without one."""
+    cells = np.column_stack([space.rotations.cell_of(query[:, 2]), space.grid.cell_of(query[:, :2])])
+    first, last = np.ravel_multi_index(tuple(cells.T), (len(space.rotations), *space.grid.shape)).tolist()
+    return float(dijkstra(graph, indices=first)[last])
+
+
+def weighted_length(plan: planners.Plan) -> float:
+    """Return the length of a plan in metres, with half a metre for each radian."""
+    return plan.length + 0.5 * plan.total_rotation
