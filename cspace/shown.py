@@ -184,11 +184,12 @@ class MapExport(NotebookPicture):
         return resolve_name("cspace.export.messages:occupancy_grid_of")(self, msg, rotation, frame_id)
 
     def to_costmap(self, msg=None, *, inflation_radius=0.55, cost_scaling_factor=10.0, rotation=None, frame_id="map"):
-        """Return a plane map as a Nav2 costmap, inflated by the robot itself.
+        """Return a plane map as a Nav2 costmap.
 
-        254 is an obstacle, 255 unknown, 253 not proven free for the robot. A FREE cell costs ``252 *
-        exp(-cost_scaling_factor * clearance)``, rounded down, and 0 if it is farther than ``inflation_radius`` from the
-        obstacles. Its clearance, taken at its center, stands for Nav2's distance less the inscribed radius.
+        It is inflated by the robot itself. 254 is an obstacle, 255 unknown, 253 not proven free for the robot. A FREE
+        cell costs ``252 * exp(-cost_scaling_factor * clearance)``, rounded down, and 0 if it is farther than
+        ``inflation_radius`` from the obstacles. Its clearance, taken at its center, stands for Nav2's distance less the
+        inscribed radius.
 
         Parameters
         ----------

@@ -97,11 +97,11 @@ class MemoryBackend:
 
 
 class CSpace(ConfigurationMap, MapExport):
-    """A certified map of a robot's configurations in R^2, R^3, SE(2), R^3 x SO(2) or SE(3).
+    """Certified map of a robot's configurations.
 
-    Configurations are ``(x, y)`` or ``(x, y, z)``, followed by a yaw if the robot rotates about z, or by a quaternion
-    ``(qx, qy, qz, qw)`` if it rotates about any axis. Use :func:`cspace.build` to make a map and :func:`cspace.open` to
-    read a saved one.
+    The configurations lie in R^2, R^3, SE(2), R^3 x SO(2) or SE(3). Configurations are ``(x, y)`` or ``(x, y, z)``,
+    followed by a yaw if the robot rotates about z, or by a quaternion ``(qx, qy, qz, qw)`` if it rotates about any
+    axis. Use :func:`cspace.build` to make a map and :func:`cspace.open` to read a saved one.
 
     A query of one configuration, shape (size,), returns a Python number; a query of a batch, shape (..., size), returns
     an array of shape (...). Queries are compiled and may run in several threads at once. Labels, sums and occupancy
@@ -168,25 +168,35 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
-        """True for each coordinate that is the angle of a continuous joint, periodic by 2 pi."""
+        """Whether each coordinate is a continuous joint's angle.
+
+        Such angles have a period of 2 pi.
+        """
         return self._contents.periodic_axes or (False,) * self.size
 
     @property
     def precision(self) -> str:
-        """Arithmetic of the engine: "integer" for whole numbers, "float32" or "float64" for transforms."""
+        """Arithmetic of the engine.
+
+        It is "integer" for whole numbers, "float32" or "float64" for transforms.
+        """
         return self._contents.precision
 
     @property
     def overlap_counts(self) -> NDArray[np.int32] | None:
-        """Overlap count of each cell, by slice; read-only. None if the map was built without counts."""
+        """Overlap count of each cell, by slice.
+
+        The array is read-only. None if the map was built without counts.
+        """
         counts = self._contents.overlap_counts
         return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
 
     @property
     def cell_states(self) -> NDArray[np.uint8]:
-        """State of each cell, shape (nx, ny) or (nx, ny, nz), after an axis of rotation cells if the robot rotates.
+        """State of each cell.
 
-        The array is read-only. Each access makes a new one if rotation cells share slices or states take two bits.
+        Its shape is (nx, ny) or (nx, ny, nz), after an axis of rotation cells if the robot rotates. The array is
+        read-only. Each access makes a new one if rotation cells share slices or states take two bits.
 
         Raises
         ------
@@ -202,9 +212,10 @@ class CSpace(ConfigurationMap, MapExport):
         return every.reshape(self._contents.leading(len(every)))
 
     def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
-        """Return the state of each cell at a rotation, shape (nx, ny) or (nx, ny, nz).
+        """Return the state of each cell at a rotation.
 
-        Give the rotation as in a configuration: nothing, a yaw in radians, or a quaternion.
+        The result has shape (nx, ny) or (nx, ny, nz). Give the rotation as in a configuration: nothing, a yaw in
+        radians, or a quaternion.
         """
         part: States = self._seen[
             int(self._slice_of[self.rotations._cells_of(self.rotations._check_rotation(rotation))])
@@ -257,11 +268,12 @@ class CSpace(ConfigurationMap, MapExport):
     @overload
     def overlap_count(self, q: ConfigurationBatch) -> Ints: ...
     def overlap_count(self, q: ArrayLike) -> int | Ints:
-        """Count the cells in which the outer rasters of robot and obstacles overlap.
+        """Count the cells in which robot and obstacles overlap.
 
-        In the grid, the count is zero if and only if the configuration is FREE, and it grows with the depth of the
-        collision; times ``spacing**d`` it is an area or a volume. Cells outside the workspace count if
-        ``outside="blocked"``. The robot's rows are summed at each configuration; no stored counts are needed.
+        The cells are those of their outer rasters. In the grid, the count is zero if and only if the configuration is
+        FREE, and it grows with the depth of the collision; times ``spacing**d`` it is an area or a volume. Cells
+        outside the workspace count if ``outside="blocked"``. The robot's rows are summed at each configuration; no
+        stored counts are needed.
 
         Parameters
         ----------
@@ -300,18 +312,19 @@ class CSpace(ConfigurationMap, MapExport):
         return inside if inside.ndim else bool(inside)
 
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
-        """Return a lower bound of the smallest distance of the robot from the obstacles.
+        """Return a lower bound of the distance from obstacles.
 
-        The distance is between the robot without margin and the current obstacles: their shapes if the map has them,
-        otherwise the outer cells, and the boundary of the grid unless the outside is free.
+        It bounds the smallest distance of the robot over all given configurations. The distance is between the robot
+        without margin and the current obstacles: their shapes if the map has them, otherwise the outer cells, and the
+        boundary of the grid unless the outside is free.
 
         Parameters
         ----------
         q : array-like, shape (size,) or (..., size)
             Configurations, or the centers of pieces of a path; metres, and radians.
         lengths, turns : array-like, shape () or (...)
-            Length and rotation of each piece, metres and radians. The bound holds for all configurations within half
-            of them from the center.
+            Length and rotation of each piece, metres and radians. The bound holds for all configurations within half of
+            them from the center.
 
         Returns
         -------
@@ -392,9 +405,10 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- paths through FREE cells ------------------------------------------------------------------------------------
 
     def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the bounding box of the FREE cells that are connected to a configuration.
+        """Return the bounding box of the reachable FREE cells.
 
-        No path through FREE cells of the grid leaves the box, so that a planner need not sample outside of it.
+        They are connected to the configuration through FREE cells. No path through FREE cells of the grid leaves the
+        box, so that a planner need not sample outside of it.
 
         Parameters
         ----------
@@ -474,7 +488,10 @@ class CSpace(ConfigurationMap, MapExport):
         straight: bool,
         time_limit: float | None,
     ) -> Floats:
-        """Return the path of a search, of length 0 if time runs out."""
+        """Return the path of a search with a time limit.
+
+        Its length is 0 if time runs out.
+        """
         seconds = math.inf if time_limit is None else check_positive(time_limit, "time_limit", "seconds")
         try:
             path = search(q0, q1, straight, seconds)
@@ -507,7 +524,10 @@ class CSpace(ConfigurationMap, MapExport):
         return min(found, key=partial(path_length, rotations=self.rotations), default=endpoints[:0])
 
     def _exact_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """Find a path as :meth:`find_path` with ``exact``; raise TimeoutError if time runs out before any is found."""
+        """Find a path as :meth:`find_path` with ``exact``.
+
+        Raises TimeoutError if time runs out before any is found.
+        """
         from cspace.map.paths import in_time, path_length, pulled_straight
 
         endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
@@ -547,7 +567,10 @@ class CSpace(ConfigurationMap, MapExport):
         return search.find(endpoints, self._cells_of(endpoints), max_length, until)
 
     def _path_along_chain(self, endpoints: Floats, straight: bool, seconds: float) -> Floats:
-        """Return a path along a short chain of cells; shorten it if ``straight``."""
+        """Return a path along a short chain of cells.
+
+        It is shortened if ``straight``.
+        """
         from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
         from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, SHORT_WEIGHT, Graph
 
@@ -571,9 +594,10 @@ class CSpace(ConfigurationMap, MapExport):
         return pulled_straight(path, rotations, check) if straight else path
 
     def _shortest_in_slice(self, endpoints: Floats, number: int, until: float) -> Floats:
-        """Return the shortest path in a slice of a plane map, pushed aside so that each edge is certified.
+        """Return the shortest path in a slice.
 
-        Its length is 0 if there is none, or if its corners cannot be pushed far enough.
+        The slice is one of a plane map. The path is moved away from corners, so that each edge is certified. Its length
+        is 0 if there is none, or if its corners cannot be pushed far enough.
         """
         from cspace.map.any_angle import push_from_corners, shortest_path
 
@@ -763,11 +787,11 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- updates -----------------------------------------------------------------------------------------------------
 
     def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
-        """Replace a box of workspace cells; the map becomes equal to a new build.
+        """Replace a box of workspace cells.
 
-        The cost grows with the box around the cells that differ and with the robot, not with the map. Existing checkers
-        (:meth:`point_checker`, :meth:`edge_checker`, :meth:`clearance_checker`, and those of the ``planners`` package)
-        follow the update.
+        The map becomes equal to a new build. The cost grows with the box around the cells that differ and with the
+        robot, not with the map. Existing checkers (:meth:`point_checker`, :meth:`edge_checker`,
+        :meth:`clearance_checker`, and those of the ``planners`` package) follow the update.
 
         The first update copies the cells of the workspace, so that the :class:`Workspace` passed to the build, and
         other maps of it, do not change. :attr:`workspace` then has the current cells; its ``shapes`` are None, and
@@ -947,9 +971,10 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- overlap fields ----------------------------------------------------------------------------------------------
 
     def with_overlap_field(self, overlap: FourierOverlap) -> CSpace:
-        """Return a copy of the map with an overlap field: overlap and gradient at the center of each cell.
+        """Return a copy of the map with an overlap field.
 
-        The field is saved and exported with the map; :class:`planners.OverlapObjective` uses it.
+        The field has overlap and gradient at the center of each cell. The field is saved and exported with the map;
+        :class:`planners.OverlapObjective` uses it.
 
         Parameters
         ----------
@@ -972,7 +997,10 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def overlap_field(self) -> OverlapField | None:
-        """Overlap of the robot's balls with the obstacles' at the center of each cell; None if the map has none."""
+        """Overlap field of the map, or None.
+
+        It has the overlap of the robot's balls with the obstacles' at the center of each cell.
+        """
         from cspace.spectral.overlap import OverlapField
 
         fields = self._contents.fields
@@ -981,14 +1009,17 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- for files and messages --------------------------------------------------------------------------------------
 
     def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
-        """Call ``write`` with the contents while no update runs, with the exterior's states if ``exterior``."""
+        """Call ``write`` with the contents of the map.
+
+        No update runs meanwhile. With ``exterior``, the exterior's states are included.
+        """
         with self._lock:
             write(replace(self._contents, exterior=self._exterior) if exterior else self._contents)
 
     def _inflated(self, limit: float, number: int | None) -> Floats:
-        """Return the clearance at each cell's center, in cells, in one slice or the largest of all slices.
+        """Return the clearance at each cell's center.
 
-        Values above ``limit`` become infinite.
+        It is in cells, in one slice or the largest of all slices. Values above ``limit`` become infinite.
         """
         from cspace.map.clearance import slice_clearances
 
@@ -1000,7 +1031,10 @@ class CSpace(ConfigurationMap, MapExport):
         return clearances[periodic.center_period] if periodic else clearances
 
     def _flat_state(self) -> States:
-        """Return each cell's state over all rotations: FREE or BLOCKED if all agree, otherwise MIXED."""
+        """Return each cell's state over all rotations.
+
+        It is FREE or BLOCKED if all rotations agree, otherwise MIXED.
+        """
         lowest = np.array(self._seen[0])
         highest = lowest.copy()
         for index in range(1, len(self._seen)):
@@ -1020,7 +1054,10 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def _kernel_map(self) -> Map:
-        """The map as input of compiled functions, with periodic axes unrolled; it follows updates."""
+        """The map as input of kernels.
+
+        Periodic axes are unrolled. It follows updates.
+        """
         return self._unrolled._grid_kernel_map
 
     @lazy
@@ -1039,7 +1076,10 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def _unrolled(self) -> CSpace:
-        """The map with half a period more at either end of periodic axes; the map itself if it has none."""
+        """The map with periodic axes unrolled.
+
+        Periodic axes have half a period more at either end; without such axes, it is the map itself.
+        """
         return self._with_other_turns if self._contents.periodic else self
 
     @lazy
@@ -1048,13 +1088,19 @@ class CSpace(ConfigurationMap, MapExport):
         return self._unroll(-periodic.padding, self.grid.shape + periodic.padding)
 
     def _unroll(self, first: Ints, stop: Ints) -> CSpace:
-        """Return cells [first, stop) as a map without periodic axes, repeating cells as needed."""
+        """Return cells [first, stop) without periodic axes.
+
+        Cells are repeated as needed.
+        """
         periodic = self._contents.periodic
         workspace, states = periodic.unroll(self.workspace, np.asarray(self._seen[0]), first, stop)
         return CSpace(Contents(workspace, self.robot, Rotations.of(None), self._slice_of, states[np.newaxis]))
 
     def _refuse_periodic(self, what: str, hint: str) -> None:
-        """Raise InputError if the map has periodic axes, for which ``what`` is undefined."""
+        """Raise InputError if the map has periodic axes.
+
+        ``what`` is undefined for them.
+        """
         periodic = self._contents.periodic
         if periodic:
             axes = ", ".join(periodic.names_among(self.axes))
@@ -1084,7 +1130,10 @@ class CSpace(ConfigurationMap, MapExport):
         return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 
     def _components_of(self, states: Stack, exterior_open: Bools) -> Components:
-        """Label the connected components of states, joined through the exterior of open slices."""
+        """Label the connected components of states.
+
+        Cells are joined through the exterior of open slices too.
+        """
         from cspace.map.components import Components, PeriodicComponents
 
         of_slices = states, self._slice_of, self.rotations._neighbors, exterior_open

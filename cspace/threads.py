@@ -23,10 +23,11 @@ def cores() -> int:
 
 
 def in_chunks(work: Callable[[int, int], int], size: int, min_items: int = MIN_ITEMS_PER_THREAD) -> int:
-    """Call ``work(start, stop)`` over chunks of ``range(size)``, in threads if that is faster.
+    """Call ``work(start, stop)`` over chunks of a range.
 
-    Each call returns the index, relative to ``start``, of the first bad item of its chunk, or -1. Returns the same for
-    the whole range. A thread gets at least ``min_items``. Nested calls run serially.
+    The chunks cover ``range(size)``; threads call it if that is faster. Each call returns the index, relative to
+    ``start``, of the first bad item of its chunk, or -1. Returns the same for the whole range. A thread gets at least
+    ``min_items``. Nested calls run serially.
     """
     threads = 1 if getattr(_local, "is_worker", False) else min(cores(), max(1, size // min_items))
     if threads == 1:

@@ -233,11 +233,17 @@ class Updater:
         return self._copy_layers(self._layers, boxes)
 
     def _are_apart(self, box: CellBox, other: CellBox) -> bool:
-        """Return True if no configuration can touch both boxes, so that two changes cost less than one."""
+        """Return True if two boxes are best changed separately.
+
+        No configuration can touch both boxes, so that two changes cost less than one.
+        """
         return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._size).any())
 
     def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
-        """Copy boxes of cells, and all shapes, from the layers to the map."""
+        """Copy boxes of cells from the layers.
+
+        They are copied to the map, with all shapes.
+        """
         self._set_shapes(layers.obstacles)
         patches = [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
         try:
@@ -255,7 +261,10 @@ class Updater:
         object.__setattr__(self._workspace, "shapes", shapes)
 
     def _refresh_shapes(self) -> None:
-        """Refresh caches of the workspace's shapes and layers, which may change even if no cell does."""
+        """Refresh caches of the workspace's shapes.
+
+        Shapes and layers may change even if no cell does.
+        """
         _complete(partial(self._refresh, self._nowhere, np.tile(self._nowhere, (len(self._weights), 1)), 0))
 
     def _refresh(self, cells: Ints, states: Ints, changed: int) -> None:
@@ -289,10 +298,10 @@ class Updater:
     def _apply(
         self, patch: Patch, box: Ints, first: Ints, stop: Ints, counts: list[Ints], changes: list[tuple[Ints, Ints]]
     ) -> None:
-        """Update the states, then the workspace, then the caches; a second call completes an interrupted one.
+        """Update states, workspace and caches, in this order.
 
-        Append to ``changes``, for each batch of slices, the boxes around the states that changed, and their numbers. If
-        memory runs out in the first batch, the map stays unchanged.
+        A second call completes an interrupted one. Append to ``changes``, for each batch of slices, the boxes around
+        the states that changed, and their numbers. If memory runs out in the first batch, the map stays unchanged.
         """
         used, cells = np.asarray((first < stop).all(axis=1)), self._grid.size
         if not isinstance(self._states, PackedStates) and used.any():
@@ -314,7 +323,10 @@ class Updater:
     def _update_slices(
         self, patch: Patch, batch: slice, first: Ints, stop: Ints, changes: list[tuple[Ints, Ints]], index: int
     ) -> None:
-        """Compute the window around the boxes from ``first`` to ``stop`` (exclusive) in a batch of slices."""
+        """Compute the states of a batch of slices again.
+
+        The window around the boxes from ``first`` to ``stop`` (exclusive) is computed.
+        """
         whole, reach = self._states[batch], self._reach[batch]
         if not len(first):
             if index == len(changes):
@@ -342,10 +354,11 @@ class Updater:
             self._overlap_counts[batch][window] = overlaps
 
     def _boxes(self, differ: Bools, lower: Sequence[int] | Ints) -> Ints:
-        """Return the bounding box of the set cells of each window, shape (n, 6), as in :class:`Change`.
+        """Return the bounding box of set cells.
 
-        ``differ`` has shape (n, ...), and each window begins at cell ``lower``. A plane has no x, so its x stays 0. A
-        window without set cells gets an empty box.
+        There is one for each window, shape (n, 6), as in :class:`Change`. ``differ`` has shape (n, ...), and each
+        window begins at cell ``lower``. A plane has no x, so its x stays 0. A window without set cells gets an empty
+        box.
         """
         front, axes = 3 - (differ.ndim - 1), range(1, differ.ndim)
         boxes = np.zeros((len(differ), 6), dtype=np.int64)
@@ -357,7 +370,10 @@ class Updater:
         return boxes
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
-        """Return a window of the workspace with the patch; one array if inner and outer cells are equal."""
+        """Return a window of the workspace with the patch.
+
+        Inner and outer cells are one array if they are equal.
+        """
         here, there = intersect_boxes(window, patch.window)
         outer, inner = self._workspace.outer[window].copy(), self._workspace.inner
         inner = outer if self._are_same(patch) else inner[window].copy()
@@ -366,13 +382,19 @@ class Updater:
         return outer, inner
 
     def _are_same(self, patch: Patch) -> bool:
-        """Return True if inner and outer cells are one array and stay equal with the patch."""
+        """Return True if inner and outer cells stay equal.
+
+        They are one array, and the patch does not change that.
+        """
         return self._workspace.inner is self._workspace.outer and (
             patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
         )
 
     def _write_cells(self, patch: Patch) -> None:
-        """Write a patch into the workspace; inner and outer cells become two arrays when they first differ."""
+        """Write a patch into the workspace.
+
+        Inner and outer cells become two arrays when they first differ.
+        """
         old, window = self._workspace, patch.window
         if old.inner is old.outer and not self._are_same(patch):
             outer, inner = old.outer.copy(), old.outer.copy()
@@ -387,7 +409,10 @@ class Updater:
             _overwrite(self._workspace.unknown, window, patch.unknown)
 
     def _count_layers(self, patch: Patch) -> list[Ints]:
-        """Count the outer cells in each layer along each axis, with the patch; empty if unused."""
+        """Count the outer cells in each layer.
+
+        Layers lie along each axis, with the patch. The result is empty if unused.
+        """
         if not self._layer_counts:
             return []
         counts = [each.copy() for each in self._layer_counts]
@@ -429,9 +454,10 @@ def _layer_counts(cells: Bools) -> list[Ints]:
 
 
 def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool, counts: bool) -> Ints:
-    """Return the minimum and maximum offset of the cells that decide a state, shape (slices, 2, d).
+    """Return the range of cells that decide a state.
 
-    Without counts, a robot that touches the blocked exterior from everywhere depends on no cell.
+    It is the minimum and maximum offset, shape (slices, 2, d). Without counts, a robot that touches the blocked
+    exterior from everywhere depends on no cell.
     """
     reach = np.empty((len(sides), len(sides[0]), 2, 3), dtype=np.int64)
     reach[:, :, 0], reach[:, :, 1] = _NEVER, -_NEVER
@@ -446,7 +472,10 @@ def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool, co
 
 
 def _proves_blocked(contents: Contents, rasters: Sequence[tuple[Raster, Raster]]) -> bool:
-    """Return True unless the states show that the map was built without ``inner``."""
+    """Return True if the map has proofs of BLOCKED.
+
+    It is False if the states show that the map was built without ``inner``.
+    """
     workspace = contents.workspace
     if any(bool((part == BLOCKED).any()) for part in contents.states):
         return True

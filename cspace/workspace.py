@@ -66,9 +66,10 @@ class OpenOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace(WorkspacePlot):
-    """Obstacles as two sets of closed grid cells: `outer` meets obstacles, `inner` lies in them.
+    """Obstacles as two sets of closed grid cells.
 
-    The two sets are equal if the obstacles are given as cells. Use a ``from_...`` method or :meth:`open` to make one.
+    `outer` cells touch obstacles, `inner` cells lie inside them. The two sets are equal if the obstacles are given as
+    cells. Use a ``from_...`` method or :meth:`open` to make one.
 
     Attributes
     ----------
@@ -90,8 +91,8 @@ class Workspace(WorkspacePlot):
     Raises
     ------
     InputError
-        If an array is not boolean (0 and 1 are accepted), does not have the grid's shape, or a cell is in ``inner``
-        and not in ``outer``.
+        If an array is not boolean (0 and 1 are accepted), does not have the grid's shape, or a cell is in ``inner`` and
+        not in ``outer``.
 
     Examples
     --------
@@ -202,9 +203,10 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
-        """Read a ROS map: a YAML file and the PGM or PNG image beside it.
+        """Read a ROS map.
 
-        Modes, thresholds, ``negate`` and the origin with its yaw apply as in :func:`cspace.files.ros.read_ros_map`.
+        It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the origin with its yaw
+        apply as in :func:`cspace.files.ros.read_ros_map`.
 
         Parameters
         ----------
@@ -273,7 +275,9 @@ class Workspace(WorkspacePlot):
         threshold: float = 0.5,
         dark: str = "occupied",
     ) -> Workspace:
-        """Read an image, one cell per pixel; its first row is the top.
+        """Read an image, one cell per pixel.
+
+        The first row of the image is the top.
 
         Parameters
         ----------
@@ -303,9 +307,10 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
-        """Read a MovingAI ``.map`` in the plane, or a ``.3dmap`` of voxels in space.
+        """Read a map of the MovingAI benchmarks.
 
-        In a ``.map``, ``.``, ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
+        It is a ``.map`` in the plane, or a ``.3dmap`` of voxels in space. In a ``.map``, ``.``, ``G`` and ``S`` are
+        passable, ``@``, ``O``, ``T`` and ``W`` blocked.
 
         Parameters
         ----------
@@ -339,10 +344,10 @@ class Workspace(WorkspacePlot):
         cost: int = WORKSPACE_CELL_BYTES,
         lazy: bool = False,
     ) -> Workspace:
-        """Rasterize a shape on a grid over a box, shape (2, dim), or over its own bounds.
+        """Rasterize a shape on a grid.
 
-        If ``kind`` names the shape, warn if the extent of its points, or of its corners, can hardly be in metres.
-        ``cost`` is in bytes per cell.
+        The grid covers a box, shape (2, dim), or the bounds of the shape. If ``kind`` names the shape, warn if the
+        extent of its points, or of its corners, can hardly be in metres. ``cost`` is in bytes per cell.
         """
         corners = np.stack(shape.outer.bounds)
         grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
@@ -359,7 +364,9 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_shapes(cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None) -> Workspace:
-        """Rasterize shapes of any kind, all in the plane or all in space.
+        """Rasterize shapes of any kind.
+
+        All lie in the plane, or all in space.
 
         Parameters
         ----------
@@ -438,7 +445,10 @@ class Workspace(WorkspacePlot):
 
     @property
     def obstacles(self) -> tuple[Shape, ...]:
-        """The obstacles as shapes: :attr:`shapes`, or one shape of the outer cells; empty if no cell is occupied."""
+        """The obstacles as shapes.
+
+        They are :attr:`shapes`, or one shape of the outer cells; empty if no cell is occupied.
+        """
         if self.shapes is not None:
             return self.shapes
         if not self.outer.any():
@@ -449,7 +459,9 @@ class Workspace(WorkspacePlot):
     def from_polygons(
         cls, polygons: Geometries, spacing: float, bounds: ArrayLike | None = None, *, lazy: bool = False
     ) -> Workspace:
-        """Rasterize polygons, lines and points in the plane; ``outer`` and ``inner`` are proven.
+        """Rasterize polygons, lines and points in the plane.
+
+        ``outer`` and ``inner`` are proven.
 
         Parameters
         ----------
@@ -537,7 +549,9 @@ class Workspace(WorkspacePlot):
         spacing: float = 0.0,
         bounds: ArrayLike | None = None,
     ) -> Workspace:
-        """Rasterize balls in space or discs in the plane; ``outer`` and ``inner`` are proven.
+        """Rasterize balls in space or discs.
+
+        Discs lie in the plane. ``outer`` and ``inner`` are proven.
 
         Parameters
         ----------

@@ -126,7 +126,9 @@ NO_ROTATION: Final = RotationCell()
 
 
 class Coordinate(NamedTuple):
-    """Description of an array in files with one entry for each rotation cell.
+    """Description of an array by rotation cell.
+
+    Files have such arrays, with one entry for each rotation cell.
 
     Attributes
     ----------
@@ -148,7 +150,9 @@ COVERING_ANGLE: Final = Coordinate("largest angle between a rotation of a rotati
 
 
 class Dial(NamedTuple):
-    """A picture of rotations: a disc of radius 1, or a part of it.
+    """A picture of rotations.
+
+    It is a disc of radius 1, or a part of such a disc.
 
     Attributes
     ----------
@@ -258,11 +262,11 @@ class Symmetric(Protocol):
 
 
 class Rotations(ABC):
-    """Rotation cells of a map; each has one slice, and cells may share theirs.
+    """Rotation cells of a map.
 
-    There are three kinds: ``OneRotation`` of a robot that only translates, ``YawRotations`` in SE(2) and R^3 x SO(2),
-    and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. By default, methods are for a
-    robot that only translates.
+    Each cell has a slice, and cells may share slices. There are three kinds: ``OneRotation`` of a robot that only
+    translates, ``YawRotations`` in SE(2) and R^3 x SO(2), and ``QuaternionRotations`` in SE(3). :meth:`of` and
+    :meth:`quaternions` make them. By default, methods are for a robot that only translates.
 
     A configuration consists of the d coordinates of a position, followed by the coordinates of a rotation. A *step*
     between configurations consists of d metres and a rotation vector, in radians, whose length is the angle. That
@@ -433,7 +437,10 @@ class Rotations(ABC):
         return ""
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix in space; for a yaw, its part about z."""
+        """Return the rotation of a rotation matrix.
+
+        The matrix is in space; for a yaw, its part about z counts.
+        """
         return np.empty(0)
 
     def _yaw_of(self, q: Floats) -> float | None:
@@ -499,11 +506,17 @@ class Rotations(ABC):
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def _leading_axes(self, n: int) -> tuple[int, ...]:
-        """Return the leading axes of an array of n grids: (), or (n,) if there can be several."""
+        """Return the leading axes of n grids.
+
+        The axes of such an array are (), or (n,) if there can be several.
+        """
         return (n,)
 
     def _preserve(self, shape: Symmetric) -> bool:
-        """Return True if all rotations of all cells map a shape to itself."""
+        """Return True if rotations leave a shape unchanged.
+
+        All rotations of all cells must map the shape to itself.
+        """
         return True
 
     def _check_dimension(self, dim: int) -> None:  # noqa: B027
@@ -516,7 +529,10 @@ class Rotations(ABC):
         """
 
     def _argument_for_fewer(self, share: float) -> str:
-        """Return the argument for at most a fraction of the cells, for messages."""
+        """Return the argument for fewer cells, for messages.
+
+        It gives at most the fraction ``share`` of the cells.
+        """
         return ""
 
     def _slices_for(self, shape: Symmetric) -> Ints:
@@ -538,9 +554,10 @@ class Rotations(ABC):
 
     @property
     def covering_angles(self) -> Floats:
-        """Largest angle between the center of each cell and a rotation in it, radians, shape (count,).
+        """Covering angle of each cell, radians.
 
-        The angle includes rounding. It is 0 if the robot does not turn.
+        It is the largest angle between the center of a cell and a rotation in it; shape (count,). The angle includes
+        rounding. It is 0 if the robot does not turn.
         """
         return np.zeros(1)
 
@@ -580,10 +597,11 @@ class Rotations(ABC):
         return np.zeros((*q.shape[:-1], 1))
 
     def _cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Return all cells with a rotation within an angle of each configuration's rotation.
+        """Return the rotation cells near configurations.
 
-        ``q`` has the shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and cell,
-        shape (m,) each, in the order of the configurations; rounding is included.
+        They have a rotation within an angle of the rotation of each configuration. ``q`` has the shape (n, d + size),
+        ``angles`` the shape (n,). Returns pairs of configuration index and cell, shape (m,) each, in the order of the
+        configurations; rounding is included.
         """
         rows, cells, batch = [], [], max(1, MAX_PAIRS_PER_BATCH // len(self))
         for k in range(0, max(len(q), 1), batch):

@@ -125,7 +125,10 @@ class YawRotations(Rotations):
         return (wrapped_yaw if wrapped_yaw < math.pi else -math.pi,)
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
-        """Wrap yaws into [-pi, pi); raise InputError if one is too large to be wrapped exactly."""
+        """Wrap yaws into [-pi, pi).
+
+        Raises InputError if one is too large to be wrapped exactly.
+        """
         if (np.abs(rotation) > MAX_ANGLE).any():
             largest = float(np.abs(rotation).max())
             rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
@@ -206,7 +209,10 @@ class YawRotations(Rotations):
         return cells
 
     def _shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the cells in the form for shapes: rotations about the z axis."""
+        """Return the cells in the form that shapes need.
+
+        They are rotations about the z axis.
+        """
         cells = []
         for yaw, angle in zip(self._yaws.tolist(), self.covering_angles.tolist(), strict=True):
             matrix = np.eye(dim)
@@ -395,9 +401,10 @@ def wrap_to_cells(borders: Floats, yaw: float) -> float:
 
 @compilable
 def find_cell(borders: Floats, yaw: float) -> int:
-    """Return the cell of a wrapped yaw, guessing that all have one width.
+    """Return the cell of a wrapped yaw.
 
-    A boundary belongs to the cell above it. A wrong guess is followed by bisection.
+    The first guess assumes that all cells have one width. A boundary belongs to the cell above it. A wrong guess is
+    followed by bisection.
     """
     count = borders.shape[0] - 1
     guess = (yaw - borders[0]) * (count / TWO_PI)
@@ -425,9 +432,9 @@ def first_widened_cell(borders: Floats, angle: float) -> int:
 
 @compilable
 def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
-    """Return the index within one turn and the widened bounds of a cell.
+    """Return the index and the widened bounds of a cell.
 
-    The bounds are widened by ANGLE_SLACK.
+    The index is within one turn. The bounds are widened by ANGLE_SLACK.
     """
     count = borders.shape[0] - 1
     revolutions = math.floor(cell / count)

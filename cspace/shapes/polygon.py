@@ -170,9 +170,9 @@ class Polygons(ExactShape):
 
     @property
     def regions(self) -> list[Floats]:
-        """Boundary segments ``(x0, y0, x1, y1)`` of each filled part, shape (E, 4); lines are left out.
+        """Boundary segments of each filled part.
 
-        They enclose the part by even-odd parity.
+        They are ``(x0, y0, x1, y1)``, shape (E, 4); lines are left out. They enclose the part by even-odd parity.
         """
         return [segments for segments, filled in self.parts if filled]
 

@@ -212,7 +212,10 @@ def _memory_error(job: Job, needed: float, free: float) -> InputError:
 
 
 class _Task:
-    """A task for worker processes; each opens the store at its first call and keeps it."""
+    """A task for worker processes.
+
+    Each process opens the store at its first call and keeps it.
+    """
 
     def __init__(self, task: Callable[[Job, Index], Any], path: str, source: Source) -> None:
         self._task, self._path, self._source = task, path, source

@@ -45,7 +45,10 @@ class Blocks(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of a map shown in smaller blocks: cells ``first`` to ``stop - 1`` along each axis."""
+    """A part of a map, shown in smaller blocks.
+
+    It has the cells ``first`` to ``stop - 1`` along each axis.
+    """
 
     first: tuple[int, ...]
     stop: tuple[int, ...]

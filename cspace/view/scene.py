@@ -168,10 +168,11 @@ def _box(part: Part, side: int) -> tuple[slice, ...]:
 
 
 def extract_border(solid: Bools, has_boundary: bool = True, lid: bool = True) -> Ints:
-    """Return the border of solid cells as few rectangles, shape (n, 4, 3), in cells.
+    """Return the border of solid cells as rectangles.
 
-    Corners are counterclockwise seen from outside. Squares in a row are merged into a rectangle, and rows of equal
-    length into a larger one. The mesh is for display only, because corners may lie inside edges of other rectangles.
+    There are few of them, shape (n, 4, 3), in cells. Corners are counterclockwise seen from outside. Squares in a row
+    are merged into a rectangle, and rows of equal length into a larger one. The mesh is for display only, because
+    corners may lie inside edges of other rectangles.
 
     Without ``has_boundary``, the border is open at the ends of the array; without ``lid``, only above its top layer.
     """
