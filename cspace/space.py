@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
     from cspace.map.mip import OccupancyBits, OccupancyPyramid
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
-    from cspace.map.search import Guides
+    from cspace.map.search import Costs, Guides, Levels
     from cspace.map.widest import Widest
     from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Change, Update, Updater
@@ -566,19 +567,29 @@ class CSpace(ConfigurationMap, MapExport):
         )
         return search.find(endpoints, self._cells_of(endpoints), max_length, until)
 
-    def _path_along_chain(self, endpoints: Floats, straight: bool, seconds: float) -> Floats:
+    def _path_along_chain(
+        self,
+        endpoints: Floats,
+        straight: bool,
+        seconds: float,
+        levels: Levels | None = None,
+        factors: Costs | None = None,
+        cost: Callable[..., float] | None = None,
+    ) -> Floats:
         """Return a path along a short chain of cells.
 
-        It is shortened if ``straight``.
+        It is shortened if ``straight``. With ``levels`` of clearance, the length of a move is multiplied by the factor of its cells' level, and ``cost``
+        is that of an edge.
         """
         from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
-        from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, SHORT_WEIGHT, Graph
+        from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, NO_FACTORS, SHORT_WEIGHT, CellFactors, Graph
 
         dim, rotations = self.grid.dim, self.rotations
         periodic = self.periodic_axes[:dim]
-        guides = [] if any(periodic) else self._guides.all()
+        by_cell = NO_FACTORS if levels is None or factors is None else CellFactors(levels.reshape(-1), factors)
+        guides = [] if any(periodic) else self._guides.all(levels, by_cell.of_level)
         until = clock() + seconds
-        graph = Graph.of(self._seen, self._slice_of, rotations._neighbors, self._turn_costs, periodic)
+        graph = Graph.of(self._seen, self._slice_of, rotations._neighbors, self._turn_costs, periodic, by_cell)
         weight = SHORT_WEIGHT if self.grid.size * len(rotations) <= MAX_COSTED_CELLS else GREEDY_WEIGHT
         first, last = self._cells_of(endpoints)
         cells = graph.chain(first, last, until, greed=weight, guides=guides)
@@ -591,7 +602,38 @@ class CSpace(ConfigurationMap, MapExport):
         if not self.certify_path(path).all():
             return np.empty((0, self.size))
         check = in_time(below_half_a_turn(self.edge_checker(), self.periodic_axes), until)
-        return pulled_straight(path, rotations, check) if straight else path
+        return pulled_straight(path, rotations, check, cost) if straight else path
+
+    def _cheapest_path(
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        straight: bool,
+        seconds: float,
+        factor_at: Callable[[Floats], Floats],
+        cost: Callable[..., float],
+    ) -> Floats:
+        """Find a path of low cost, at most that of the path of :meth:`find_path`, as :meth:`_free_path`.
+
+        ``factor_at`` returns the cost of a metre at clearances, shape (n,), in metres; it does not increase. ``cost``
+        integrates it along an edge, given by the coordinates of two configurations.
+        """
+        from cspace.map.paths import edge_costs, in_time, pulled_straight
+        from cspace.map.widest import LEVELS_PER_CELL, MAX_LEVEL
+
+        endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
+        levels = self._update_widest().levels
+        clearances = np.arange(MAX_LEVEL + 1, dtype=np.float64) * (self.grid.spacing / LEVELS_PER_CELL)
+        factors = factor_at(clearances).astype(np.float32)
+        until = clock() + seconds
+        paths = [self._free_path(endpoints[0], endpoints[1], straight, seconds)]
+        if straight and len(paths[0]):
+            check = in_time(below_half_a_turn(self.edge_checker(), self.periodic_axes), until)
+            paths.append(pulled_straight(paths[0], self.rotations, check, cost))
+        with suppress(TimeoutError):
+            paths.append(self._path_along_chain(endpoints, straight, until - clock(), levels, factors, cost))
+        found = [path for path in paths if len(path)]
+        return min(found, key=lambda path: float(edge_costs(path, cost).sum()), default=endpoints[:0])
 
     def _shortest_in_slice(self, endpoints: Floats, number: int, until: float) -> Floats:
         """Return the shortest path in a slice.
@@ -691,22 +733,28 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
-        from cspace.map.widest import BYTES_PER_CELL, find_widest_path
+        from cspace.map.widest import find_widest_path
 
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        # Levels cover the unrolled map: half a period more at either end of a periodic axis.
-        cells = self.grid.size * len(self.rotations) * 2 ** sum(self.periodic_axes)
-        needed, fewer = BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
-        check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
-        kernel_map = self._grid_kernel_map
-        with self._lock:
-            # A new object, because searches in other threads may still read the old levels.
-            widest = vars(self)["_widest"] = self._widest.updated(kernel_map, self._seen)
+        widest, kernel_map = self._update_widest(), self._grid_kernel_map
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         join = partial(self._components_of, exterior_open=np.zeros(len(self._seen), dtype=np.bool_))
         path = find_widest_path(widest, kernel_map, self.grid, both, join, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
+
+    def _update_widest(self) -> Widest:
+        """Return the levels of all cells after the last update; raise InputError if they do not fit into memory."""
+        from cspace.map.widest import BYTES_PER_CELL
+
+        # Levels cover the unrolled map: half a period more at either end of a periodic axis.
+        cells = self.grid.size * len(self.rotations) * 2 ** sum(self.periodic_axes)
+        needed, fewer = BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
+        check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
+        with self._lock:
+            # A new object, because searches in other threads may still read the old levels.
+            widest = vars(self)["_widest"] = self._widest.updated(self._grid_kernel_map, self._seen)
+        return widest
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 

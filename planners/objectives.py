@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final
 
+import numpy as np
 from ompl import base as ob
 
-from cspace.arrays import FREE
+from cspace.arrays import FREE, Floats
 from cspace.check import check_not_negative, check_positive
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
@@ -17,11 +18,11 @@ from cspace.map.periodic import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from planners.integrals import CostDensity, Field, make_edge_cost
-from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner
+from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, local_planner
 from planners.states import check_information, kind_of
 
-DEFAULT_CLEARANCE_SHARE: Final = 0.1
-"""Default clearance threshold, as a fraction of the map's longest side."""
+DEFAULT_WEIGHT: Final = 10.0
+"""Extra metres that a metre of path costs by default where the penalty is one."""
 
 
 class WeightedLength(ob.OptimizationObjective):
@@ -68,7 +69,7 @@ class WeightedLength(ob.OptimizationObjective):
         *,
         offset: float = 0.0,
         slope: float = 1.0,
-        weight: float = 10.0,
+        weight: float = DEFAULT_WEIGHT,
         drive: str = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
@@ -129,7 +130,8 @@ class ClearanceObjective(WeightedLength):
     weight : float
         Extra metres that a metre of path costs at clearance zero.
     clearance_threshold : float, optional
-        Clearance, in metres, above which a path costs its length. By default a tenth of the map's longest side.
+        Clearance, in metres, above which a path costs its length. By default the longest side of the robot's bounding
+        box.
 
     Raises
     ------
@@ -143,24 +145,22 @@ class ClearanceObjective(WeightedLength):
         si: ob.SpaceInformation,
         space: CSpace,
         *,
-        weight: float = 10.0,
+        weight: float = DEFAULT_WEIGHT,
         clearance_threshold: float | None = None,
         drive: str = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
-        grid = space.grid
-        scale = 1.0 / (
-            DEFAULT_CLEARANCE_SHARE * grid.spacing * max(grid.shape)
-            if clearance_threshold is None
-            else check_positive(clearance_threshold, "clearance_threshold")
-        )
+        if clearance_threshold is None:
+            threshold = default_clearance_threshold(space)
+        else:
+            threshold = check_positive(clearance_threshold, "clearance_threshold")
         super().__init__(
             si,
             space,
             space._live_marks,
             offset=1.0,
-            slope=-scale,
+            slope=-1.0 / threshold,
             weight=weight,
             drive=drive,
             turning_radius=turning_radius,
@@ -198,7 +198,7 @@ class OverlapObjective(WeightedLength):
         space: CSpace,
         field: OverlapField | None = None,
         *,
-        weight: float = 10.0,
+        weight: float = DEFAULT_WEIGHT,
         saturation: float | None = None,
         drive: str = HOLONOMIC,
         turning_radius: float | None = None,
@@ -218,6 +218,28 @@ class OverlapObjective(WeightedLength):
             drive=drive,
             turning_radius=turning_radius,
         )
+
+
+def default_clearance_threshold(space: CSpace) -> float:
+    """Return the longest side of the robot's bounding box, but at least one cell, in metres."""
+    lower, upper = space.robot.shape.outer.bounds
+    return max(float((upper - lower).max()), space.grid.spacing)
+
+
+def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, seconds: float) -> Floats:
+    """Find a path whose cost by :class:`ClearanceObjective` is low, through FREE cells, by the map's own search.
+
+    Returns waypoints, shape (n, size), where n is 0 if no path is found in time. If not ``straight``, these are the
+    centers of a chain of cells.
+    """
+    space, threshold = edges.space, default_clearance_threshold(edges.space)
+    density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
+
+    def factor_at(clearances: Floats) -> Floats:
+        return np.asarray(1.0 + DEFAULT_WEIGHT * np.maximum(0.0, 1.0 - clearances / threshold) ** 2)
+
+    search = partial(space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._live_marks, density))
+    return space._in_time(search, *endpoints, straight, seconds)
 
 
 def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:

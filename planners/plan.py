@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -40,7 +41,14 @@ from planners.local_planner import (
     format_point,
     local_planner,
 )
-from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
+from planners.objectives import (
+    ClearanceObjective,
+    OverlapObjective,
+    WeightedLength,
+    edges_on_map,
+    find_clear_path,
+    overlap_field,
+)
 from planners.passages import Passages, skip_waypoints
 from planners.result import Plan, Times
 from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
@@ -59,8 +67,10 @@ GRID_TIME_SHARE: Final = 0.5
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan without a search, because every path would follow such a chain."""
 
+CLEARANCE: Final = "clearance"
+
 _OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
-    "clearance": ClearanceObjective,
+    CLEARANCE: ClearanceObjective,
     "overlap": OverlapObjective,
 }
 """Objectives other than the length, by name."""
@@ -207,10 +217,10 @@ def plan(
     seed : int, optional
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance", "overlap"} or callable
-        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, and "overlap"
-        :class:`planners.OverlapObjective` with the field that the map carries. A callable takes the space information
-        and returns an ``ompl.base.OptimizationObjective``. The length counts a radian of rotation as half a metre,
-        except along curves; see :attr:`Plan.total_rotation`.
+        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, by "Grid" if no
+        planner is named and the robot is holonomic. "overlap" is :class:`planners.OverlapObjective` with the field that
+        the map carries. A callable takes the space information and returns an ``ompl.base.OptimizationObjective``. The
+        length counts a radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
 
         Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar, and with a time limit
         of many seconds for FMT and BFMT, which compute the cost between all pairs of near samples. Each of these must
@@ -336,7 +346,10 @@ def _check_arguments(
     """Check the arguments of :func:`plan`, and that they go together."""
     name = planner_named(planner, drive)
     edges = local_planner(space, exact, drive, turning_radius)
-    name = edges.default_planner if planner is None else name
+    if planner is None:
+        # OMPL's default planner ignores objectives, but the map's own search weighs clearance.
+        by_grid = objective == CLEARANCE and isinstance(edges, EdgesOnMap) and edges.drive == HOLONOMIC
+        name = GRID if by_grid and iterations is None and not exact else edges.default_planner
     check_flag(simplify, "simplify")
     search = Search(
         planner=name,
@@ -360,11 +373,15 @@ def _check_built_in_search(task: _Task) -> None:
     if name not in edges.built_in_searches:
         rule, hint = f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps", "leave planner out"
         raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
+    keeps_away = name == GRID and task.objective == CLEARANCE
+    decides_mixed = name == GRID and not keeps_away
     options = {
-        "objective": task.objective,
-        "exact": edges.exact and edges.follows_cells and name != GRID,  # without cells, the geometry decides anyway
+        "objective": None if keeps_away else task.objective,
+        "exact": edges.exact
+        and edges.follows_cells
+        and not decides_mixed,  # without cells, the geometry decides anyway
         "drive": edges.drive,
-        "iterations": None if name == BIRRT else task.search.iterations,
+        "iterations": task.search.iterations,
     }
     if name == LATTICE and options.pop("drive") == HOLONOMIC:
         problem, rule = f"is {name!r} and drive is {edges.drive!r}", f"{name} is for all other drives"
@@ -373,7 +390,8 @@ def _check_built_in_search(task: _Task) -> None:
         if value not in (None, False, "length", HOLONOMIC):
             problem = f"is {value!r} and planner is {name!r}"
             what = "holonomic straight edges" if name == GRID else "FREE cells"
-            rule = f"{name} supports only {what} and objective='length'"
+            objectives = "'length' or 'clearance'" if name == GRID else "'length'"
+            rule = f"{name} supports only {what} and objective={objectives}"
             raise InputError(option, problem, rule, f"leave {option} out, or use planner='RRTConnect'", value=value)
     if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
         rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
@@ -485,11 +503,15 @@ def _plan_subproblem(
 def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float) -> SearchResult:
     """Search by a built-in search; one with a fallback gets a share of the time limit."""
     # A search from the start to itself fills the caches of the map, which the time limit leaves out.
-    edges.search(search.planner, (endpoints[0], endpoints[0]), False, search.seed, limit)
+    if search.objective is not None and isinstance(edges, EdgesOnMap):
+        find = partial(find_clear_path, edges)
+    else:
+        find = partial(edges.search, search.planner, seed=search.seed, iterations=search.iterations)
+    find((endpoints[0], endpoints[0]), straight=False, seconds=limit)
     seconds = limit if search.fallback is None else max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
-    path = edges.search(search.planner, endpoints, search.simplify, search.seed, seconds, search.iterations)
-    note = NO_SEARCH if search.planner == GRID and len(path) == 2 else ""
+    path = find(endpoints, straight=search.simplify, seconds=seconds)
+    note = NO_SEARCH if search.planner == GRID and search.objective is None and len(path) == 2 else ""
     return SearchResult(path, note, clock() - began)
 
 

@@ -16,6 +16,7 @@ from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN, beside, wrapped
 
 Check = Callable[..., bool]
+Cost = Callable[..., float]
 
 MAX_CUTTING_ROUNDS: Final = 10
 """Number of times the corners of a path are cut."""
@@ -25,6 +26,9 @@ MIN_GAIN_SHARE: Final = 1e-3
 
 SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
+
+LONGEST_STRIDE_LOG: Final = 6
+"""Binary logarithm of the number of waypoints that an edge may replace at a time, if edges have costs."""
 
 MAX_SHORTENING_SECONDS: Final = 0.1
 """Seconds after the time limit in which a path found in time may still be shortened."""
@@ -62,25 +66,39 @@ def in_time(check: Check, until: float) -> Check:
     return check if end == math.inf else lambda *both: clock() < end and check(*both)
 
 
-def pulled_straight(path: Floats, rotations: Rotations, check: Check) -> Floats:
+def pulled_straight(path: Floats, rotations: Rotations, check: Check, cost: Cost | None = None) -> Floats:
     """Shorten a path by skipping waypoints and cutting corners.
 
     Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two configurations. So
-    does every edge of the result.
+    does every edge of the result. With a ``cost`` of edges, which takes the same coordinates, each change lowers the
+    cost of the path instead of its length.
     """
     size = path.shape[1]
 
     def check_reversed(*q: float) -> bool:
         return check(*q[size:], *q[:size])  # check every edge in driving direction
 
-    path = _skip_points(_skip_points(path, check)[::-1], check_reversed)[::-1]
-    length = path_length(path, rotations)
+    if cost is None:
+        path = _skip_points(_skip_points(path, check)[::-1], check_reversed)[::-1]
+    else:
+        path = _cheapest_subpath(path, check, cost)
+    total = _measure(path, rotations, cost)
     for _ in range(MAX_CUTTING_ROUNDS):
-        path, before = _cut_corners(path, rotations, check), length
-        length = path_length(path, rotations)
-        if length > (1.0 - MIN_GAIN_SHARE) * before:
+        path, before = _cut_corners(path, rotations, check, cost), total
+        total = _measure(path, rotations, cost)
+        if total > (1.0 - MIN_GAIN_SHARE) * before:
             break
     return np.ascontiguousarray(path)
+
+
+def edge_costs(path: Floats, cost: Cost) -> Floats:
+    """Return the cost of each edge of a path, shape (n - 1,)."""
+    return np.array([cost(*first, *last) for first, last in itertools.pairwise(path.tolist())])
+
+
+def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
+    """Return the cost of a path; without a cost, its length."""
+    return path_length(path, rotations) if cost is None else float(edge_costs(path, cost).sum())
 
 
 def path_length(path: Floats, rotations: Rotations) -> float:
@@ -93,10 +111,11 @@ def path_length(path: Floats, rotations: Rotations) -> float:
     return float(lengths.sum())
 
 
-def _cut_corners(path: Floats, rotations: Rotations, check: Check) -> Floats:
+def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | None) -> Floats:
     """Replace corners by free edges.
 
-    Each edge joins points at equal fractions of the two edges at a corner; the longest free one is chosen.
+    Each edge joins points at equal fractions of the two edges at a corner; the longest free one is chosen. With a cost,
+    it may not cost more than the way around the corner.
     """
     shares, kept = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None], [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
@@ -104,20 +123,44 @@ def _cut_corners(path: Floats, rotations: Rotations, check: Check) -> Floats:
         backward = rotations._add_steps(corners, shares * rotations._steps_between(corner, kept[-1]))
         forward = rotations._add_steps(corners, shares * rotations._steps_between(corner, after))
         first, last = kept[-1].tolist(), after.tolist()
-        if check(*first, *last):
+        if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
             continue
         low, high = 0, SHARES_PER_EDGE
         while high - low > 1:
             center = (low + high) // 2
             before, beyond = backward[center].tolist(), forward[center].tolist()
             # Rounding may make a part of a free edge fail.
-            if check(*before, *beyond) and check(*first, *before) and check(*beyond, *last):
+            is_free = check(*before, *beyond) and check(*first, *before) and check(*beyond, *last)
+            if is_free and _saves(cost, before, corner.tolist(), beyond):
                 low = center
             else:
                 high = center
         kept += [backward[low], forward[low]] if low else [corner]
     is_yaw = [False] * (path.shape[1] - len(rotations.names)) + [name == "yaw" for name in rotations.names]
     return wrapped(np.array([*kept, path[-1]]), is_yaw)
+
+
+def _cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
+    """Skip waypoints so that the cost of the path is least, by dynamic programming.
+
+    An edge may skip to the 2nd, 4th, 8th, ... waypoint ahead.
+    """
+    rows, least, previous = points.tolist(), np.full(len(points), math.inf), np.zeros(len(points), dtype=np.int64)
+    least[0] = 0.0
+    for here in range(1, len(rows)):
+        for before in [here - 2**k for k in range(LONGEST_STRIDE_LOG + 1) if here >= 2**k]:
+            total = least[before] + cost(*rows[before], *rows[here])
+            if total < least[here] and (here == before + 1 or check(*rows[before], *rows[here])):
+                least[here], previous[here] = total, before
+    kept = [len(rows) - 1]
+    while kept[-1]:
+        kept.append(int(previous[kept[-1]]))
+    return points[kept[::-1]]
+
+
+def _saves(cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]) -> bool:
+    """Return whether the edge past a corner costs at most as much as the edges to and from it."""
+    return cost is None or cost(*before, *beyond) <= cost(*before, *corner) + cost(*corner, *beyond)
 
 
 def _skip_points(points: Floats, check: Check) -> Floats:

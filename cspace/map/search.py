@@ -5,6 +5,7 @@ A chain is a sequence of adjacent cells.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from functools import cache
@@ -21,6 +22,9 @@ from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
 
 Costs = NDArray[np.float32]
+Levels = NDArray[np.uint16]
+"""Distances from cells to the nearest one that is not FREE, in 64ths of a cell."""
+
 Position = tuple[int, int, int]
 GridCell = tuple[int, int, int, int]
 """Rotation cell, and position along three axes."""
@@ -72,6 +76,25 @@ WAITING_ENTRIES, LOWEST_USED_BUCKET, FIRST_FREE_ENTRY, ENTRIES_IN_USE, GOAL_COST
 """Indices into :attr:`Trace.state`."""
 
 
+class CellFactors(NamedTuple):
+    """Factors of the cost of moves in each cell, by its level of clearance.
+
+    Attributes
+    ----------
+    levels : ndarray of uint16, shape (n,)
+        Level of each cell of all slices in a row; empty if all factors are 1.
+    of_level : ndarray of float32, shape (65536,)
+        Factor at each level, 1 or above; higher levels have no higher factors.
+    """
+
+    levels: Levels
+    of_level: Costs
+
+
+NO_FACTORS: Final = CellFactors(np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.float32))
+"""Factors of the plain length."""
+
+
 class Graph(NamedTuple):
     """Cells of a map and the moves between them.
 
@@ -101,6 +124,8 @@ class Graph(NamedTuple):
     periods : tuple of int, length 3
         Number of cells along each periodic axis, next to each other at the ends; :data:`INFINITE_PERIOD` for other
         axes.
+    factors : CellFactors
+        The cost of a move or rotation is its length, times the mean factor of the cells at its ends.
     """
 
     cells: Cells
@@ -114,9 +139,18 @@ class Graph(NamedTuple):
     lengths: Floats
     parts: Ints
     periods: Position
+    factors: CellFactors = NO_FACTORS
 
     @classmethod
-    def of(cls, states: Stack, slice_of: Ints, neighbors: Ints, turns: Floats, periodic_axes: Sequence[bool]) -> Graph:
+    def of(
+        cls,
+        states: Stack,
+        slice_of: Ints,
+        neighbors: Ints,
+        turns: Floats,
+        periodic_axes: Sequence[bool],
+        factors: CellFactors = NO_FACTORS,
+    ) -> Graph:
         """Build the graph of a map from its states.
 
         ``states`` has shape (slices, ...); the other arguments are as the attributes.
@@ -131,7 +165,7 @@ class Graph(NamedTuple):
         i, j, k = (n if wraps else INFINITE_PERIOD for n, wraps in zip((nx, ny, nz), periodic, strict=True))
         cells, lengths = cells_of(states), np.linalg.norm(moves, axis=1)
         shape, periods = (nx, ny, nz), (i, j, k)
-        return cls(cells, shape, slice_of, neighbors, turns, moves, reach, steps, lengths, parts, periods)
+        return cls(cells, shape, slice_of, neighbors, turns, moves, reach, steps, lengths, parts, periods, factors)
 
     def chain(self, start: Ints, goal: Ints, until: float, *, greed: float = 1.0, guides: Sequence[Guide] = ()) -> Ints:
         """Find a short chain of FREE cells.
@@ -409,6 +443,18 @@ class Coarse:
         """
         self._write(np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)]))
 
+    def highest(self, levels: Levels) -> Levels:
+        """Return the highest level in each block, in a row; ``levels`` has shape (slices, ...)."""
+        rows = []
+        for first, stop in itertools.pairwise(self._first.tolist()):
+            top = levels[self._slices[first]]
+            for s in self._slices[first + 1 : stop]:
+                top = np.maximum(top, levels[s])
+            for axis, count in enumerate(levels.shape[1:]):
+                top = np.maximum.reduceat(top, range(0, count, self.block), axis=axis)
+            rows.append(top.reshape(-1))
+        return np.concatenate(rows)
+
     def _write(self, box: Ints) -> None:
         """Recompute the states in a box of cells.
 
@@ -445,6 +491,7 @@ class Guides:
         each = (group_of, GUIDE_BLOCKS[0]), (np.zeros_like(order), GUIDE_BLOCKS[1])
         self._levels = [Coarse(cells_of(states), slice_of, shape, *level) for level in each]
         self._turn, self._dim = float(turns.max(initial=0.0)) * count, dim
+        self._highest: tuple[Levels | None, list[Levels]] = None, []
 
     def refresh(self, boxes: Ints) -> None:
         """Recompute the copies around changes.
@@ -454,17 +501,25 @@ class Guides:
         for level in self._levels:
             level.refresh(boxes)
 
-    def all(self) -> list[Guide]:
-        """List the guides, finest first."""
-        return [self._guide(level) for level in self._levels]
+    def all(self, levels: Levels | None = None, of_level: Costs = NO_FACTORS.of_level) -> list[Guide]:
+        """List the guides, finest first.
 
-    def _guide(self, level: Coarse) -> Guide:
+        With ``levels`` of clearance, shape (slices, ...), the factors of each block are those of its highest level.
+        """
+        if levels is None:
+            return [self._guide(level, NO_FACTORS) for level in self._levels]
+        if self._highest[0] is not levels:
+            self._highest = levels, [level.highest(levels) for level in self._levels]
+        pairs = zip(self._levels, self._highest[1], strict=True)
+        return [self._guide(level, CellFactors(highest, of_level)) for level, highest in pairs]
+
+    def _guide(self, level: Coarse, factors: CellFactors) -> Guide:
         """Return the guide of a coarse copy."""
         count = len(level.states)
         order = np.arange(count)
         neighbors = np.column_stack([order - 1, order + 1]) % count if count > 1 else np.empty((1, 0), dtype=np.int64)
         turns = np.full(neighbors.shape, self._turn / (count * level.block))
-        graph = Graph.of(level.states, order, neighbors, turns, [False] * self._dim)
+        graph = Graph.of(level.states, order, neighbors, turns, [False] * self._dim, factors)
         return Guide(graph, level.group_of, level.block)
 
 
@@ -612,6 +667,12 @@ def _estimate(graph: Graph, by: Heuristic, start: Position, goal: Position, rota
 
 
 @kernel
+def _factor_at(graph: Graph, cell: int) -> float:
+    """Return the factor of a cell of the slices."""
+    return float(graph.factors.of_level[graph.factors.levels[cell]])
+
+
+@kernel
 def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
     """Expand queued cells; return True when done.
 
@@ -626,6 +687,7 @@ def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
     free_entry, n_used = int(state[FIRST_FREE_ENTRY]), int(state[ENTRIES_IN_USE])
     goal_cost = state[GOAL_COST]
     degree, greedy = straight + graph.neighbors.shape[1], len(cost_to) == 0
+    weighs = len(graph.factors.levels) > 0
     # If estimates are not consistent, cells would be expanded very often again for little gain.
     is_rough = task.greed > 1.0 or task.heuristic.block > 1
     _, start_i, start_j, start_k = _split_index(graph, task.start % size)
@@ -652,24 +714,28 @@ def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
         at, cost_here = _split_index(graph, cell), costs[entry] if greedy else float(cost_to[cell])
         rotation, i, j, k = at
         allowed = _free_moves(graph, graph.slice_of[rotation] * size, at)
+        factor = _factor_at(graph, graph.slice_of[rotation] * size + cell % size) if weighs else 1.0
         for move in range(degree):
             next_rotation, next_i, next_j, next_k, arrival = rotation, i, j, k, move
             if move < straight:
                 if not (allowed >> move) & 1:
                     continue
                 next_i, next_j, next_k = _apply_move(graph, at, move, 1)
-                cost = cost_here + graph.lengths[move]
+                step = graph.lengths[move]
             else:
                 next_rotation, arrival = graph.neighbors[rotation, move - straight], straight
                 if next_rotation < 0:
                     continue
-                cost = cost_here + graph.turns[rotation, move - straight]
+                step = graph.turns[rotation, move - straight]
             position = (next_i * graph.shape[1] + next_j) * graph.shape[2] + next_k
             next_cell = next_rotation * size + position
             # Skip a cell that was reached as cheaply before.
             reached = reached_by[next_cell]
             if reached and (greedy or (is_rough and reached & EXPANDED)):
                 continue
+            if weighs:
+                step *= 0.5 * (factor + _factor_at(graph, graph.slice_of[next_rotation] * size + position))
+            cost = cost_here + step
             if reached and cost >= cost_to[next_cell] * (1.0 - ROUNDING_SHARE):
                 continue
             if move >= straight:

@@ -29,12 +29,11 @@ from cspace.map.components import Components
 from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
 from cspace.map.periodic import below_half_a_turn
-from cspace.map.search import Graph, Guide, check_deadline, turn_costs
+from cspace.map.search import Graph, Guide, Levels, check_deadline, turn_costs
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_chunks, in_threads
 
-Levels = NDArray[np.uint16]
 Squares = NDArray[np.int32]
 Join = Callable[[Bytes], Components]
 """Returns the components of states."""
