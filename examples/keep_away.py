@@ -49,7 +49,7 @@ for name, plan in plans.items():
 # %%
 # All four beside each other.
 
-figure, axes = plt.subplots(2, 2, figsize=(11, 7.4), layout="constrained")
+figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
 for ax, (name, plan) in zip(axes.flat, plans.items(), strict=True):
     space.plot(ax=ax, path=plan, legend=False, title=f"{name}: {plan.length:.2f} m, clearance {plan.clearance:.2f} m")
 figure.savefig("keep_away.png", dpi=110)
