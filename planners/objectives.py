@@ -239,7 +239,7 @@ def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, sec
         return np.asarray(1.0 + DEFAULT_WEIGHT * np.maximum(0.0, 1.0 - clearances / threshold) ** 2)
 
     search = partial(space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._live_marks, density))
-    return space._in_time(search, *endpoints, straight, seconds)
+    return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
 
 
 def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:
