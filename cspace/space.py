@@ -578,8 +578,8 @@ class CSpace(ConfigurationMap, MapExport):
     ) -> Floats:
         """Return a path along a short chain of cells.
 
-        It is shortened if ``straight``. With ``levels`` of clearance, the length of a move is multiplied by the factor of its cells' level, and ``cost``
-        is that of an edge.
+        It is shortened if ``straight``. With ``levels`` of clearance, the length of a move is multiplied by the factor
+        of its cells' level, and ``cost`` is that of an edge.
         """
         from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
         from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, NO_FACTORS, SHORT_WEIGHT, CellFactors, Graph
