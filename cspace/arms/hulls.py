@@ -31,9 +31,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints, Matrix, Row
+from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.exact.triangles import bound_rows, build_boxes, node_maxima
+from cspace.exact.triangles import Trees, build_boxes, node_maxima
 from cspace.kernels import (
     THIN,
     add_scaled,
@@ -129,15 +129,15 @@ class RelativeMotion(NamedTuple):
     required: float
 
 
-def build_hulls(rows: Floats, volume: float) -> Hulls:
-    """Build the tree of a part from rows of :attr:`cspace.exact.triangles.Trees.triangles`.
+def build_hulls(tree: Trees, volume: float) -> Hulls:
+    """Build the tree of a part from that of its triangles, with the same nodes.
 
     ``volume`` is the volume that the triangles enclose.
     """
+    box, rows, spans = tree.boxes[:, :6], tree.triangles, tree.spans
     if not len(rows):
         return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
-    box, order, spans = build_boxes(*bound_rows(rows))
-    rows, (starts, counts) = rows[order], spans.T
+    starts, counts = spans.T
     boxes = np.column_stack(
         [box, np.linalg.norm(box[:, 3:], axis=1), node_maxima(np.maximum(rows[:, 9], 0.0), spans), 0.0 * starts]
     )
@@ -147,7 +147,7 @@ def build_hulls(rows: Floats, volume: float) -> Hulls:
     corners, firsts = _row_corners(rows)
     nodes[leaf, 1], nodes[leaf, 2] = firsts[starts[leaf]], firsts[starts[leaf] + 1]
     # Boxes and balls are solid, so each is a whole connected part.
-    nodes[:, 3] = bool(((rows[:, 9] < 0.0) | (rows[:, :9] == np.tile(rows[:, :3], 3)).all(axis=1)).all())
+    nodes[:, 3] = bool(((rows[:, 9] < 0.0) | _are_balls(rows)).all())
     nodes[0, 3] = 1
     if nodes[:, 3].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
@@ -179,12 +179,20 @@ def build_hulls(rows: Floats, volume: float) -> Hulls:
     return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate([*parts, points[tile_points % len(points)]]).T))
 
 
+def _are_balls(rows: Floats) -> Bools:
+    """Return whether each row has three equal corners."""
+    are_balls = np.ones(len(rows), dtype=np.bool_)
+    for k in range(3, 9):
+        are_balls &= rows[:, k] == rows[:, k % 3]
+    return are_balls
+
+
 def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """Return the corners of all rows, and each row's first corner.
 
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
-    is_box, is_ball = rows[:, 9] < 0.0, (rows[:, :9] == np.tile(rows[:, :3], 3)).all(axis=1)
+    is_box, is_ball = rows[:, 9] < 0.0, _are_balls(rows)
     u, v = rows[:, 3:6], rows[:, 6:9]
     upright = is_box & ~u[:, 1:].any(axis=1) & ~v[:, ::2].any(axis=1)
     counts = np.where(upright, 0, np.where(is_box, 8, np.where(is_ball, 1, 3)))

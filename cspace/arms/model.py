@@ -519,11 +519,16 @@ class Arm:
         """
         moving = _moving(self.links)
         scene = make_scene(self.chain, self.links, moving)
-        shares = sample_apart(scene, draw_configurations(self._ranges(), CONTACT_SAMPLES)).mean(axis=1)
+        shares = sample_apart(scene, self._contact_samples).mean(axis=1)
         labels = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
         reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         reasons |= {self._names(pair): label for pair, label in zip(moving, labels, strict=True)}
         return reasons | {pair: why for pair, why in self.allowed_collisions.items() if pair in reasons}
+
+    @cached_property
+    def _contact_samples(self) -> Floats:
+        """The random configurations from which a pair counts as touching never or always."""
+        return draw_configurations(self._ranges(), CONTACT_SAMPLES)
 
     def _names(self, pair: tuple[int, int]) -> Names:
         """Return the link names of a pair of indices."""
@@ -884,6 +889,8 @@ def sample_apart(scene: Scene, points: Floats) -> Bools:
 
 def always_touch(scene: Scene, points: Floats) -> Bools:
     """Return whether each pair is never proven apart, shape (p,)."""
+    if are_free(scene, points[:_FIRST_SAMPLES], points[:_FIRST_SAMPLES]).any():
+        return np.zeros(len(scene.pairs), dtype=np.bool_)
     left = np.asarray(~sample_apart(scene, points[:_FIRST_SAMPLES]).any(axis=1))
     left[left] = ~sample_apart(scene.select_pairs(left), points[_FIRST_SAMPLES:]).any(axis=1)
     return left

@@ -17,7 +17,11 @@ from cspace.exact import DISTANCE_ROUNDING
 from cspace.exact.triangles import Trees
 
 _SPARE_SHARE: Final = 0.25
-"""Rows reserved for parts that come later, as a share of the rows in use."""
+"""Rows that a new store has for parts that come later, as a share of the rows in use."""
+
+
+_MORE_SPARE_SHARE: Final = 1.0
+"""The same share for a store that replaces a full one, because its scene changes."""
 
 
 _MIN_SPARE_ROWS: Final = 256
@@ -42,6 +46,8 @@ class PartStore:
     ----------
     counts : ndarray of int64, shape (5,)
         Rows reserved at once: nodes and corners of hulls, nodes and rows of trees, triangles of surfaces.
+    spare_share : float
+        Further rows, as a share of these.
 
     Attributes
     ----------
@@ -51,8 +57,8 @@ class PartStore:
     windings : ndarray of int64, shape (n,)
     """
 
-    def __init__(self, counts: Ints) -> None:
-        self._sizes = (counts * (1.0 + _SPARE_SHARE)).astype(np.int64) + _MIN_SPARE_ROWS
+    def __init__(self, counts: Ints, spare_share: float = _SPARE_SHARE) -> None:
+        self._sizes = (counts * (1.0 + spare_share)).astype(np.int64) + _MIN_SPARE_ROWS
         self._used, self._lock = counts, threading.Lock()
         nodes, corners, tree_nodes, rows, triangles = self._sizes.tolist()
         # Zeros take memory only once they are written, and keep old contents of the memory out of pickles.
@@ -134,7 +140,8 @@ def pack_solids(solids: Sequence[Solid], before: PackedSolids | None = None) -> 
     if known is None or first is None:
         counts = _count_rows(parts, outer, joined)
         first = np.array([1, 0, 0, 0, 0])  # no child may be node 0, because that marks leaves
-        known = PackedSolids((), PartStore(first + counts.sum(axis=0)), {}, {})
+        share = _SPARE_SHARE if before is None else _MORE_SPARE_SHARE
+        known = PackedSolids((), PartStore(first + counts.sum(axis=0), share), {}, {})
     rows, roots, store = {}, {}, known.store
     starts = iter(first + np.cumsum(counts, axis=0) - counts)
     for part in parts:
@@ -192,43 +199,48 @@ def make_inner_scene(scene: Scene, packed: PackedSolids) -> Scene:
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as much again for the
     rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
     """
-    solids = _select_side(packed, 1)
-    max_coordinate = _max_coordinate(scene.chain, solids)
+    solids = _select_side(packed, 1, scene.solids)
+    is_same = solids.tree_roots is scene.solids.tree_roots
+    max_coordinate = scene.max_coordinate if is_same else _max_coordinate(scene.chain, solids)
     required = 4.0 * DISTANCE_ROUNDING * max_coordinate
     return Scene(scene.chain, solids, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required)
 
 
-def _select_side(packed: PackedSolids, side: int) -> Solids:
+def _select_side(packed: PackedSolids, side: int, outer: Solids | None = None) -> Solids:
     """Return packed solids as kernels take them.
 
     ``side`` 0 selects their outer shapes, 1 their inner shapes, both with the hulls of outer shapes. Anchors of outer
-    shapes are one point per connected part; anchors of inner shapes are :attr:`PosedShape.probes`.
+    shapes are one point per connected part; anchors of inner shapes are :attr:`PosedShape.probes`. If all shapes are
+    exact, the rest is that of ``outer``.
     """
     store, pairs = packed.store, [part.bounds_pair for solid in packed.solids for part in solid.parts]
-    parts, hull_rows = [pair[side] for pair in pairs], [packed.rows[pair[0]] for pair in pairs]
-    rows, points = [packed.rows[part] for part in parts], [part.probes if side else part.anchors for part in parts]
-    closed = [(row, part.surface_box) for row, part in zip(rows, parts, strict=True) if row.stop > row.start]
+    rows = [packed.rows[pair[side]] for pair in pairs]
+    points = [pair[side].probes if side else pair[side].anchors for pair in pairs]
     counts = [(row.stop > row.start, len(each), 1) for row, each in zip(rows, points, strict=True)]
     first_parts = np.cumsum([0, *(len(solid.parts) for solid in packed.solids)], dtype=np.int64)
+    starts = np.cumsum([(0, 0, 0), *counts], axis=0, dtype=np.int64)[first_parts]
+    anchors = np.concatenate([np.empty((0, 3)), *(each for each in points if len(each))])
+    if outer is not None and all(pair[0] is pair[1] for pair in pairs):
+        return outer._replace(anchors=anchors, starts=starts)
+    closed = [(row, pair[side].surface_box) for row, pair in zip(rows, pairs, strict=True) if row.stop > row.start]
+    filled = [pair[side].is_filled and row.tree_root >= 0 for pair, row in zip(pairs, rows, strict=True)]
     roots = np.array([packed.roots[solid.parts] for solid in packed.solids], dtype=np.int64)
     boxes = store.hulls.boxes[roots] * (roots >= 0)[:, None]
-    tree_roots = np.array([row.tree_root for row in rows], dtype=np.int64)
-    filled = np.array([0, *(part.is_filled and row.tree_root >= 0 for part, row in zip(parts, rows, strict=True))])
     return Solids(
         bodies=np.array([solid.body for solid in packed.solids], dtype=np.int64),
         hulls=store.hulls,
         roots=roots,
-        part_roots=np.array([row.root for row in hull_rows], dtype=np.int64),
+        part_roots=np.array([packed.rows[pair[0]].root for pair in pairs], dtype=np.int64),
         levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
         trees=store.trees,
-        tree_roots=tree_roots,
+        tree_roots=np.array([row.tree_root for row in rows], dtype=np.int64),
         triangles=store.triangles,
         windings=store.windings,
         boxes=np.array([box for _, box in closed]).reshape(-1, 6),
         surface_spans=np.array([(row.start, row.stop) for row, _ in closed], dtype=np.int64).reshape(-1, 2),
-        anchors=np.concatenate([np.empty((0, 3)), *points]),
-        has_solids=np.diff(filled.cumsum()[first_parts]) > 0,
-        starts=np.cumsum([(0, 0, 0), *counts], axis=0, dtype=np.int64)[first_parts],
+        anchors=anchors,
+        has_solids=np.diff(np.cumsum([False, *filled])[first_parts]) > 0,
+        starts=starts,
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.chain import FIXED, body_poses
 from cspace.arms.hulls import node_corners
-from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, draw_configurations, sort_pair
+from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
 from cspace.arms.scenes import PackedSolids, make_inner_scene, make_outer_scene, pack_solids
 from cspace.arms.solids import PosedShape, Solid, StaticShape
@@ -147,7 +147,9 @@ class Snapshot:
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
         """Yield the names of the pairs of a scene that touch in all random configurations."""
-        points = draw_configurations(self.arm._ranges(), CONTACT_SAMPLES)
+        if not len(scene.pairs):
+            return
+        points = self.arm._contact_samples
         for number in np.flatnonzero(always_touch(scene, points)).tolist():
             yield self.contact(scene.select_pairs(slice(number, number + 1)), points[:1])[:2]
 
@@ -307,7 +309,7 @@ def _refuse_always(snapshot: Snapshot, which: Bools) -> None:
     """
     chain, scene = snapshot.arm.chain, snapshot.outer.select_pairs(which)
     between = chain.between[tuple(scene.solids.bodies[scene.pairs].T)] & (chain.kinds != FIXED)
-    few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
+    few = [len(set(chain.joint_indices[row].tolist())) <= 2 for row in between]
     for link, other in snapshot.always_touching(scene.select_pairs(np.array(few, dtype=np.bool_))):
         raise ConfigurationError(
             link,

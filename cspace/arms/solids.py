@@ -108,7 +108,7 @@ class PosedShape:
         """Tree of hulls of the boundary, or of boxes and balls."""
         corners, windings = self.surface
         volume = (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ windings) / 6.0
-        return build_hulls(self.rows[0], float(volume))
+        return build_hulls(self.tree, float(volume))
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
@@ -314,15 +314,20 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
     except InputError as error:
         problem = f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}"
         raise type(error)("obstacles", problem, error.rule, error.hint, value=obstacle) from error
-    return place_obstacle(PosedShape(shape, np.eye(4)), name, base)
+    return place_shape(shape, name, base)
+
+
+def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
+    """Place a shape; raise InputError if it is in the plane, or the pose is no rigid motion."""
+    if shape.dim != 3:
+        problem = f"hold {name!r}, a shape of the plane"
+        raise InputError("obstacles", problem, "arms are in space", "pass a solid", value=shape)
+    return PosedShape(shape, check_rigid(pose, name))
 
 
 @place_obstacle.register
 def _(obstacle: PosedShape, name: str, base: Floats) -> PosedShape:
-    if obstacle.shape.dim != 3:
-        problem = f"hold {name!r}, a shape of the plane"
-        raise InputError("obstacles", problem, "arms are in space", "pass a solid", value=obstacle)
-    return PosedShape(obstacle.shape, check_rigid(base @ check_rigid(obstacle.pose, f"pose of {name}"), name))
+    return place_shape(obstacle.shape, name, base @ check_rigid(obstacle.pose, f"pose of {name}"))
 
 
 @place_obstacle.register

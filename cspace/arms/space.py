@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
 from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free
 from cspace.arms.snapshots import MIN_MOTIONS_PER_THREAD, Contact, Snapshot, make_snapshot
-from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_obstacle
+from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_obstacle, place_shape
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.check import check_count, check_known, check_not_negative, check_pairs, check_positive, check_rng
 from cspace.configuration_space import ConfigurationSpace
@@ -192,7 +192,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 raise InputError("radius", problem, rule, "leave it out", value=radius)
             placed = place_obstacle(shape, name, at)
         else:
-            placed = place_obstacle(PosedShape(as_shape(shape, radius, "shape"), np.eye(4)), name, at)
+            placed = place_shape(as_shape(shape, radius, "shape"), name, at)
         extra = None if padding is None else check_not_negative(padding, "padding")
         with self._lock:
             now = self._snapshot
@@ -311,7 +311,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             else:
                 (part,) = next(link.parts for link in now.arm.links if link.name == name)
                 pose = now.arm.pose(self._check_configuration(q, "q", "it says where the object is"), name)
-                obstacles[name] = place_obstacle(PosedShape(part.shape, pose), name, np.eye(4))
+                obstacles[name] = place_shape(part.shape, name, pose)
                 pairs = _pair_with_links(name, touch_links, [link.name for link in arm.links])
                 self._replace(now, obstacles, now.allowed | pairs, now.padding, arm)
 

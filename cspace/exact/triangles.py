@@ -49,6 +49,9 @@ MIN_SQUARED_LENGTH = 2.0**-600
 MAX_PENDING_PAIRS = 128
 """Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few."""
 
+MAX_PENDING_NODES = 64
+"""Capacity of the stack of nodes of a tree that is built; halving needs one per level, plus one."""
+
 PAIR_SHIFT = 32
 """Bits of a node index: a pair of nodes is one integer with the first node in its upper half."""
 
@@ -153,7 +156,9 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
     """
     is_box = rows[:, 9] < 0.0
     corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
-    low, high = corners.min(axis=1) - grown, corners.max(axis=1) + grown
+    one, two, three = np.moveaxis(corners, 1, 0)  # quicker than a minimum along a short axis
+    low = np.minimum(np.minimum(one, two), three) - grown
+    high = np.maximum(np.maximum(one, two), three) + grown
     center, first, second = np.moveaxis(corners[is_box], 1, 0)
     third = np.cross(first, second)
     third *= (rows[is_box, 9] / np.linalg.norm(third, axis=1))[:, None]
@@ -170,24 +175,61 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     """
     n = len(low)
     boxes, order, spans = np.empty((max(2 * n - 1, 0), 6)), np.arange(n), np.empty((max(2 * n - 1, 0), 2), np.int64)
-    nodes, starts, counts = np.zeros(1, np.int64), np.zeros(1, np.int64), np.full(1, n)
-    ranks = np.argsort(np.argsort(low + high, axis=0), axis=0).ravel()
-    while n:
-        lower, upper = np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
-        boxes[nodes, :3], boxes[nodes, 3:] = 0.5 * (lower + upper), 0.5 * (upper - lower)
-        spans[nodes, 0], spans[nodes, 1] = starts, counts
-        if counts.max() == 1:
-            break
-        # Sort the items of each node along the longest side of its box, then split them in half.
-        which = np.repeat(np.arange(len(nodes)), counts)
-        axis = (upper - lower).argmax(axis=1)[which]
-        order = order[np.argsort(which * n + ranks[3 * order + axis])]
-        first, split = counts // 2, counts > 1
-        exists = np.stack([np.ones_like(split), split], axis=1)
-        nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[exists]
-        starts = np.stack([starts, starts + first], axis=1)[exists]
-        counts = np.stack([np.where(split, first, 1), counts - first], axis=1)[exists]
+    ranks, pending = np.empty((n, 3), np.int64), np.empty((MAX_PENDING_NODES, 3), np.int64)
+    fill_boxes(low, high, np.argsort(low + high, axis=0), (ranks, pending), boxes, order, spans)
     return boxes, order, spans
+
+
+@kernel
+def fill_boxes(
+    low: Floats, high: Floats, by_center: Ints, scratch: tuple[Ints, Ints], boxes: Floats, order: Ints, spans: Ints
+) -> None:
+    """Fill the arrays of :func:`build_boxes`.
+
+    ``by_center``, shape (n, 3), sorts the items by their centers along each axis; ``order`` has all items. The scratch
+    arrays have shapes (n, 3) and (MAX_PENDING_NODES, 3).
+    """
+    n, (ranks, pending) = len(low), scratch
+    for k in range(n):
+        for axis in range(3):
+            ranks[by_center[k, axis], axis] = k
+    pending[0, 0], pending[0, 1], pending[0, 2] = 0, 0, n
+    top = 1 if n else 0
+    while top > 0:
+        top -= 1
+        node, start, count = pending[top]
+        (lx, ly, lz), (ux, uy, uz) = row_at(low[order[start]], 0), row_at(high[order[start]], 0)
+        for k in range(start + 1, start + count):
+            (ax, ay, az), (bx, by, bz) = row_at(low[order[k]], 0), row_at(high[order[k]], 0)
+            lx, ly, lz, ux, uy, uz = min(lx, ax), min(ly, ay), min(lz, az), max(ux, bx), max(uy, by), max(uz, bz)
+        box, half = boxes[node], count // 2
+        box[0], box[1], box[2] = 0.5 * (lx + ux), 0.5 * (ly + uy), 0.5 * (lz + uz)
+        box[3], box[4], box[5] = 0.5 * (ux - lx), 0.5 * (uy - ly), 0.5 * (uz - lz)
+        spans[node, 0], spans[node, 1] = start, count
+        if count == 1:
+            continue
+        chosen = 0 if ux - lx >= max(uy - ly, uz - lz) else 1 if uy - ly >= uz - lz else 2
+        # Put the items of the first half in front (C. A. R. Hoare, "Algorithm 65: find", 1961).
+        first, last, target = start, start + count - 1, start + half
+        while first < last:
+            pivot, i, j = ranks[order[(first + last) // 2], chosen], first, last
+            while i <= j:
+                while ranks[order[i], chosen] < pivot:
+                    i += 1
+                while ranks[order[j], chosen] > pivot:
+                    j -= 1
+                if i <= j:
+                    order[i], order[j] = order[j], order[i]
+                    i, j = i + 1, j - 1
+            if target <= j:
+                last = j
+            elif target >= i:
+                first = i
+            else:
+                break
+        pending[top, 0], pending[top, 1], pending[top, 2] = node + 2 * half, start + half, count - half
+        pending[top + 1, 0], pending[top + 1, 1], pending[top + 1, 2] = node + 1, start, half
+        top += 2
 
 
 def node_maxima(values: Floats, spans: Ints) -> Floats:
