@@ -25,6 +25,7 @@ from benchmarks.suites.arm_peers import (
     solve_by_ompl,
 )
 from benchmarks.suites.arm_poses import run_poses
+from benchmarks.suites.arm_scenes import run_scenes
 from benchmarks.timing import Timing
 from cspace.arms import Arm, ArmSpace
 from cspace.arrays import Floats
