@@ -136,10 +136,10 @@ def _are_equal(space: ArmSpace, anew: ArmSpace, rng: np.random.Generator) -> boo
 def _draw_pose(rng: np.random.Generator) -> Floats:
     """Draw a position before the arm."""
     pose = np.eye(4)
-    pose[:3, 3] = rng.uniform(-0.3, 0.3, 3) + (0.8, 0.0, 0.9)
+    pose[:3, 3] = rng.uniform((0.5, -0.3, 0.6), (1.1, 0.3, 1.2))
     return pose
 
 
 def _draw_clouds(rng: np.random.Generator) -> list[Floats]:
     """Draw point clouds, shape (CLOUD_POINTS, 3)."""
-    return [rng.uniform(-1.0, 1.0, (CLOUD_POINTS, 3)) + (1.6, 0.0, 0.5) for _ in range(3)]
+    return [rng.uniform((0.6, -1.0, -0.5), (2.6, 1.0, 1.5), (CLOUD_POINTS, 3)) for _ in range(3)]

@@ -58,8 +58,9 @@ OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
 def run(report: Report, seed: int) -> None:
-    """Reach poses; then compare paths and motions of each arm."""
+    """Reach poses and change scenes; then compare paths and motions of each arm."""
     run_poses(report, seed)
+    run_scenes(report, seed)
     folder = inputs.data_folder()
     if folder is None or not (folder / "arms").is_dir():
         report.note(inputs.NO_DATA)

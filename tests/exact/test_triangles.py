@@ -314,7 +314,7 @@ def test_crosses_is_right_for_any_rounding(case, required):
         assert all(squared_triangle_distance(*pair) > 0 for pair in pairs[~crossing][:40])
 
 
-@given(seed=seeds(), count=st.integers(0, 70), ties=st.booleans())
+@given(seed=seeds, count=st.integers(0, 70), ties=st.booleans())
 @settings(max_examples=60)
 def test_trees_halve_their_items_along_the_longest_side(seed, count, ties):
     """Check each node's box, its items, and the order of both halves."""
