@@ -552,9 +552,9 @@ class CSpace(ConfigurationMap, MapExport):
         self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
     ) -> Floats:
         """Return the path of :class:`cspace.map.undecided.Undecided`, whose edges pass ``check``."""
-        from cspace.map.undecided import BYTES_PER_CELL, Undecided
+        from cspace.map.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
 
-        check_bytes(BYTES_PER_CELL * self.grid.size * len(self.rotations))
+        check_bytes(UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations))
         # One array for each rotation cell, because geometry decides each on its own.
         states = self.cell_states.reshape(-1, *self.grid.shape)
         search = Undecided(
@@ -745,11 +745,11 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _update_widest(self) -> Widest:
         """Return the levels of all cells after the last update; raise InputError if they do not fit into memory."""
-        from cspace.map.widest import BYTES_PER_CELL
+        from cspace.map.widest import WIDEST_BYTES_PER_CELL
 
         # Levels cover the unrolled map: half a period more at either end of a periodic axis.
         cells = self.grid.size * len(self.rotations) * 2 ** sum(self.periodic_axes)
-        needed, fewer = BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
+        needed, fewer = WIDEST_BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
         check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
         with self._lock:
             # A new object, because searches in other threads may still read the old levels.

@@ -46,7 +46,10 @@ class Contact(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Links of one body, or obstacles, that may touch the same others and keep the same padding."""
+    """Links or obstacles with the same allowed collisions.
+
+    Links of a group belong to one body. All members have the same padding.
+    """
 
     solid: Solid
     members: tuple[Solid, ...]
@@ -59,7 +62,10 @@ _GroupKey: TypeAlias = tuple[tuple[Solid, ...], float]
 
 
 class LinkGroups(NamedTuple):
-    """Groups of links, and the pairs of groups, by index, that may not touch."""
+    """Groups of links, and pairs that may not touch.
+
+    Pairs are indices of groups.
+    """
 
     groups: tuple[Group, ...]
     pairs: list[tuple[int, int]]
@@ -117,17 +123,18 @@ class Snapshot:
         return [*(link.name for link in self.arm.links), *self.obstacles]
 
     def distances(self, points: Floats) -> tuple[Floats, Ints]:
-        """Return the smallest distance at each configuration, and its pair.
+        """Return the smallest distance at each configuration.
 
-        ``points`` has shape (n, dof). The distances, shape (n,), are in metres, zero if not proven positive. The second
-        array, shape (n, 3), has the index of the pair of solids and the nearest node of the hull tree of each.
+        The pair with this distance is returned too. ``points`` has shape (n, dof). The distances, shape (n,), are in
+        metres, zero if not proven positive. The second array, shape (n, 3), has the index of the pair of solids and the
+        nearest node of the hull tree of each.
         """
         return _measure_distances(self.outer, points, self.margin)
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
-        """Return the pair nearest to touching, in the outer scene or one with some of its pairs.
+        """Return the pair nearest to touching.
 
-        ``points`` is one configuration, shape (1, dof).
+        ``scene`` is the outer scene, or one with some of its pairs. ``points`` is one configuration, shape (1, dof).
         """
         distances, nearest = _measure_distances(scene, points, self.margin)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
@@ -146,7 +153,10 @@ class Snapshot:
         return Contact(names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
-        """Yield the names of the pairs of a scene that touch in all random configurations."""
+        """Yield the pairs that touch in all random configurations.
+
+        They are names of links and obstacles, of the pairs of a scene.
+        """
         if not len(scene.pairs):
             return
         points = self.arm._contact_samples
@@ -210,7 +220,10 @@ def _measure_reach(arm: Arm) -> float:
 
 
 def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot | None) -> Solid:
-    """Return an obstacle as a solid; that of an earlier snapshot if it would be equal."""
+    """Return an obstacle as a solid.
+
+    It is the solid of an earlier snapshot if that would be equal.
+    """
     if before is not None and before.obstacles.get(name) is placed:
         solid = before.static[name]
         if all(isinstance(part, StaticShape) and part.has_levers_of(reach) for part in solid.parts):
@@ -219,7 +232,10 @@ def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot 
 
 
 def _has_same_links(before: Snapshot, arm: Arm, allowed: frozenset[Names], padding: Mapping[str, float]) -> bool:
-    """Return True if the groups of links are those of an earlier snapshot."""
+    """Return True if the groups of links are unchanged.
+
+    They are those of an earlier snapshot.
+    """
     if before.arm is not arm or before.allowed != allowed:
         return False
     return all(before.padding.get(link.name) == padding.get(link.name) for link in arm.links)
@@ -262,7 +278,10 @@ def _group_obstacles(
     padding: Mapping[str, float],
     known: Mapping[_GroupKey, Group],
 ) -> list[Group]:
-    """Group obstacles that may touch the same links and have the same padding."""
+    """Group obstacles by allowed collisions and padding.
+
+    Obstacles of a group may touch the same links.
+    """
     partners, found = _find_partners(may_touch), dict[tuple[frozenset[str], float], list[Solid]]()
     for obstacle in obstacles:
         key = frozenset(partners.get(obstacle.name, set()) & link_names), padding.get(obstacle.name, 0.0)
@@ -271,7 +290,7 @@ def _group_obstacles(
 
 
 def _make_group(members: Sequence[Solid], padding: float, is_obstacle: bool, known: Mapping[_GroupKey, Group]) -> Group:
-    """Return a group, or the equal one that is known."""
+    """Return a group, or the equal known one."""
     key = tuple(members), padding
     if key in known:
         return known[key]
@@ -281,13 +300,19 @@ def _make_group(members: Sequence[Solid], padding: float, is_obstacle: bool, kno
 
 
 def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Floats:
-    """Return the padding of pairs, shape (p,): that of both, or zero between links."""
+    """Return the padding of pairs.
+
+    It has shape (p,): that of both, or zero between links.
+    """
     extra = [groups[i].padding + groups[j].padding if groups[j].is_obstacle else 0.0 for i, j in pairs]
     return np.array(extra, dtype=np.float64)
 
 
 def _refuse_fixed(snapshot: Snapshot, pairs: Sequence[tuple[int, int]], padding: Floats) -> None:
-    """Raise ConfigurationError if an obstacle touches a link that no joint moves."""
+    """Raise ConfigurationError if a fixed link touches an obstacle.
+
+    No joint moves such a link.
+    """
     if not pairs:
         return
     scene, q = snapshot.outer._replace(pairs=np.array(pairs), padding=padding), np.zeros((1, snapshot.arm.dof))

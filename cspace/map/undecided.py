@@ -19,16 +19,17 @@ from cspace.rotations import Rotations
 MAX_CHAIN_EXCESS: Final = 1.15
 """Length of a chain of cells over that of the path, from which a chain no longer promises a shorter path."""
 
-BYTES_PER_CELL: Final = 8
+UNDECIDED_BYTES_PER_CELL: Final = 8
 """Bytes of memory that a search takes for each cell of the map: states, marks, costs, and how a cell was reached."""
 
 
 @dataclass(frozen=True, slots=True)
 class Undecided:
-    """A search that lets geometry decide the MIXED cells on its way.
+    """A search in which geometry decides MIXED cells.
 
-    MIXED cells count as FREE until geometry tests their centers. The search then repeats without the cells that failed,
-    until all cells near a chain are decided and geometry proves the edges along it.
+    It decides the cells on the way of the search. MIXED cells count as FREE until geometry tests their centers. The
+    search then repeats without the cells that failed, until all cells near a chain are decided and geometry proves the
+    edges along it.
 
     Attributes
     ----------
@@ -52,10 +53,11 @@ class Undecided:
     edge_is_free: Callable[..., bool]
 
     def find(self, endpoints: Floats, cells: Ints, max_length: float, until: float) -> Floats:
-        """Find a path between two configurations whose cells are given, shape (2, 1 + d).
+        """Find a path between two configurations.
 
-        Returns waypoints of shape (n, size), joined by edges that geometry proves. The length n is 0 if no chain is
-        found, if all chains left promise no path of at most ``max_length``, or if time is over.
+        ``cells``, shape (2, 1 + d), are their cells. Returns waypoints of shape (n, size), joined by edges that
+        geometry proves. The length n is 0 if no chain is found, if all chains left promise no path of at most
+        ``max_length``, or if time is over.
         """
         dim, none = self.grid.dim, endpoints[:0]
         mixed = self.states == MIXED
@@ -89,14 +91,20 @@ class Undecided:
         return none
 
     def _path_along(self, chain: Ints, endpoints: Floats) -> Floats:
-        """Return the path through the centers of cells, except those of MIXED cells at the ends."""
+        """Return the path through the centers of cells.
+
+        MIXED cells at the ends are left out.
+        """
         path = waypoints(self.grid, self.rotations, endpoints, chain, (False,) * self.grid.dim)
         kept = np.ones(len(path), dtype=np.bool_)
         kept[[1, -2]] = self.states[tuple(chain[[0, -1]].T)] == FREE
         return path[kept]
 
     def _cells_beside(self, edges: Floats, which: Bools) -> Ints:
-        """Return the cells in the boxes around edges, shape (n, 2, size), that are set in ``which``."""
+        """Return the cells around edges.
+
+        They lie in the boxes around edges, shape (n, 2, size), and are set in ``which``.
+        """
         rotations, positions = self.rotations._cells_of(edges), self.grid.cell_of(edges[..., : self.grid.dim])
         found = []
         for turned, (first, last) in zip(rotations, np.sort(positions, axis=1), strict=True):
@@ -108,7 +116,10 @@ class Undecided:
 
 
 def _cells_near(chain: Ints, which: Bools) -> Ints:
-    """Return the cells at most one cell away from a chain, in its rotations, that are set in ``which``."""
+    """Return the cells near a chain.
+
+    They are at most one cell away, in its rotations, and are set in ``which``.
+    """
     around = np.array(list(itertools.product((-1, 0, 1), repeat=chain.shape[1] - 1)))
     near = np.repeat(chain, len(around), axis=0)
     near[:, 1:] += np.tile(around, (len(chain), 1))

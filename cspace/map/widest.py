@@ -47,11 +47,11 @@ MAX_LEVEL: Final = 65535
 INFINITE_SQUARE: Final = 2**30
 """Squared distance, in half cells, that stands for infinity."""
 
-BYTES_PER_CELL: Final = 28
-"""Bytes of memory per cell: its level, and what searches and components use at a time (measured: 10 to 25)."""
+WIDEST_BYTES_PER_CELL: Final = 28
+"""Memory for each cell, bytes: its level, and the arrays of searches and components (measured: 10 to 25)."""
 
 MIN_LINES_PER_THREAD: Final = 64
-"""Lines of cells below which a second thread costs more than it saves."""
+"""Lines of cells per thread below which a further thread costs more time than it saves."""
 
 MAX_CACHED_LEVELS: Final = 8
 """Number of levels whose components are cached, at 1.1 bytes per cell of a slice."""

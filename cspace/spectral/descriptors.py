@@ -218,7 +218,7 @@ MAX_EXACT_NORM: Final = 2.0**40
 The error of a transform in float64 is below 1000 rounding units of the product, so below 1/8."""
 
 
-_TINY: Final = float(np.finfo(np.float64).tiny)
+SMALLEST_NORMAL: Final = float(np.finfo(np.float64).tiny)
 """Smallest normal float64."""
 
 
@@ -399,7 +399,7 @@ def _inside(shape: Any, grid: Grid) -> Bools:
     check_same_dim("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
     if balls:
         inside = np.zeros(grid.shape, dtype=bool)
-        for window, squares in _ball_windows(known.centers, np.maximum(known.radii, _TINY), grid):
+        for window, squares in _ball_windows(known.centers, np.maximum(known.radii, SMALLEST_NORMAL), grid):
             inside[window] |= squares <= 1.0
         return inside
     if not isinstance(known, ExactShape):
@@ -479,9 +479,9 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     sampled = _on_one_grid((first, *others))
     factors = [each.values for each in sampled]
     product = reduce(np.multiply, factors)
-    lost = (np.abs(product) < _TINY) & reduce(np.logical_and, [values != 0.0 for values in factors])
+    lost = (np.abs(product) < SMALLEST_NORMAL) & reduce(np.logical_and, [values != 0.0 for values in factors])
     signs = reduce(np.multiply, [np.sign(values) for values in factors])
-    return Descriptor(sampled[0].grid, np.where(lost, _TINY * signs, product))
+    return Descriptor(sampled[0].grid, np.where(lost, SMALLEST_NORMAL * signs, product))
 
 
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
@@ -583,7 +583,7 @@ def _convolution(f: Floats, g: Floats, method: str) -> Floats:
     if (f < 0.0).any() or (g < 0.0).any():
         return sums
     pairs = fftconvolve((f > 0.0).astype(np.float64), (g > 0.0).astype(np.float64))
-    return np.where(pairs > 0.5, np.maximum(sums, _TINY), 0.0)
+    return np.where(pairs > 0.5, np.maximum(sums, SMALLEST_NORMAL), 0.0)
 
 
 def _same_spacing(f: Grid, g: Grid) -> bool:

@@ -17,6 +17,7 @@ from cspace.rotations import Rotations
 from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
+    SMALLEST_NORMAL,
     BallDescriptor,
     BallsLike,
     as_balls,
@@ -62,13 +63,11 @@ ASCENT_TOLERANCE: Final = 1e-3
 PAIRS_PER_BATCH: Final = 2**20
 """Pairs of balls whose distances are held at once."""
 
-_TINY: Final = float(np.finfo(np.float64).tiny)
-
 
 class Placements(NamedTuple):
-    """Placements of a ball set A with their scores, best first.
+    """Placements of a ball set A, best first.
 
-    A point p of A lies at ``rotations[k] @ p + translations[k]``.
+    They have scores. A point p of A lies at ``rotations[k] @ p + translations[k]``.
 
     Attributes
     ----------
@@ -87,7 +86,10 @@ class Placements(NamedTuple):
 
     @property
     def configurations(self) -> Floats:
-        """Placements as configurations of maps: (x, y, yaw), or x, y, z and a quaternion (x, y, z, w)."""
+        """Placements as configurations of maps.
+
+        They are (x, y, yaw), or x, y, z and a quaternion (x, y, z, w).
+        """
         if self.translations.shape[1] == 2:
             angles = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
         elif len(self.scores):
@@ -113,13 +115,13 @@ def best_placements(
     band: float | None = None,
     tolerance: float = 0.01,
 ) -> Placements:
-    """Find the placements of A with the best scores, over a grid of rotations.
+    """Find the placements of A with the best scores.
 
-    The score is the overlap of A with B, minus ``penalty`` times its overlap with ``avoid``; overlaps as in
-    :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores at all translations of a lattice, the
-    rotational search of docking (Chen and Weng, 2002; Kozakov and others, 2006). The highest peaks then climb along the
-    gradient with respect to translation and rotation. A peak narrower than the steps of the lattice and of
-    ``rotations`` may be missed; the scores returned do not depend on either.
+    They are searched over a grid of rotations. The score is the overlap of A with B, minus ``penalty`` times its
+    overlap with ``avoid``; overlaps as in :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores
+    at all translations of a lattice, the rotational search of docking (Chen and Weng, 2002; Kozakov and others, 2006).
+    The highest peaks then climb along the gradient with respect to translation and rotation. A peak narrower than the
+    steps of the lattice and of ``rotations`` may be missed; the scores returned do not depend on either.
 
     Parameters
     ----------
@@ -152,8 +154,8 @@ def best_placements(
         Scores are sums over pairs of balls, whose error is bounded. There are fewer than ``n`` placements if the search
         found fewer with positive scores.
 
-    Memory is that of one rotation and the best placements so far. Raises InputError if a value is not as stated.
-    Raises MissingPackageError if finufft is not installed.
+    Memory is that of one rotation and the best placements so far. Raises InputError if a value is not as stated. Raises
+    MissingPackageError if finufft is not installed.
 
     Examples
     --------
@@ -190,7 +192,10 @@ def best_placements(
 
 
 class _Poses(NamedTuple):
-    """Poses of A: scores (n,), positions of the centroid of its balls (n, d), and matrices (n, d, d)."""
+    """Poses of A, with their scores.
+
+    The fields are scores (n,), positions of the centroid of its balls (n, d), and matrices (n, d, d).
+    """
 
     scores: Floats
     centers: Floats
@@ -202,7 +207,7 @@ class _Poses(NamedTuple):
         return cls(np.empty(0), np.empty((0, dim)), np.empty((0, dim, dim)))
 
     def select(self, chosen: NDArray[Any]) -> _Poses:
-        """Return the poses of a mask or of some indices."""
+        """Select poses by a mask or by indices."""
         return _Poses(*(column[chosen] for column in self))
 
     def append(self, other: _Poses) -> _Poses:
@@ -210,10 +215,11 @@ class _Poses(NamedTuple):
         return _Poses(*map(np.concatenate, zip(self, other, strict=True)))
 
     def distinct(self, root: Floats, apart: float, most: int) -> _Poses:
-        """Return at most ``most`` poses, best first, none within a displacement of a better one.
+        """Return the best poses that are distinct.
 
-        The displacement is the root mean square over the balls of A. ``root`` is the square root C^(1/2) of the
-        covariance of their centers: the displacement of poses (c, R) is the distance of the vectors (c, R C^(1/2)).
+        There are at most ``most``, best first, none within a displacement of a better one. The displacement is the root
+        mean square over the balls of A. ``root`` is the square root C^(1/2) of the covariance of their centers: the
+        displacement of poses (c, R) is the distance of the vectors (c, R C^(1/2)).
         """
         vectors = np.column_stack([self.centers, (self.rotations @ root).reshape(len(self.scores), root.size)])
         chosen: list[int] = []
@@ -226,10 +232,11 @@ class _Poses(NamedTuple):
 
 
 class _Score:
-    """Score of A at any pose: the overlap with weighted balls.
+    """Score of A at any pose.
 
-    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``, the score is the sum
-    of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no spectrum of A: it takes cubic splines of G.
+    It is the overlap with weighted balls. With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with
+    spectrum ``F_B g``, the score is the sum of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no
+    spectrum of A: it takes cubic splines of G.
     """
 
     def __init__(
@@ -254,11 +261,17 @@ class _Score:
         self.gyration = math.sqrt(float(values.sum() + (body.radii**2).mean()))
 
     def translations(self, poses: _Poses) -> Floats:
-        """Return the translations of poses about the origin of A's frame, shape (n, d)."""
+        """Return the translations of poses.
+
+        They are about the origin of A's frame, shape (n, d).
+        """
         return np.asarray(poses.centers - poses.rotations @ self.centroid)
 
     def peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
-        """Return the highest local maxima above a score, at one rotation, over a lattice of translations."""
+        """Return the highest local maxima at one rotation.
+
+        They lie on a lattice of translations, above a score.
+        """
         from scipy.ndimage import maximum_filter
 
         moved = (self.body.centers - self.body.center) @ matrix.T
@@ -276,7 +289,10 @@ class _Score:
         return _Poses(scores, centers, np.broadcast_to(matrix, (len(tops), *matrix.shape)))
 
     def _inverse(self, spectrum: Complexes, *, spline: bool = False) -> Floats:
-        """Return a function with a given spectrum on a lattice, or the coefficients of its cubic spline there."""
+        """Return a function with a given spectrum.
+
+        It has its values on a lattice, or the coefficients of its cubic spline there.
+        """
         from scipy.fft import irfftn
 
         rows = [np.fft.fftfreq(count, 1.0 / count).astype(np.int64) for count in self.lattice.counts]
@@ -291,22 +307,28 @@ class _Score:
 
     @cached_property
     def _splines(self) -> list[Floats]:
-        """Coefficients of the field of each term, with a last axis of length one in the plane."""
+        """Spline coefficients of the field of each term.
+
+        In the plane, the last axis has length one.
+        """
         factors = (term.factor[self.lattice.which] for term in self.terms)
         fields = (self._inverse(self.spectrum * factor, spline=True) for factor in factors)
         return [field.reshape(*field.shape, *[1] * (3 - self.dim)) for field in fields]
 
     def climb(self, poses: _Poses, turn: bool) -> _Poses:
-        """Move poses along the gradient to maxima nearby, by BFGS in metres along the axes and of arc."""
+        """Move poses along the gradient to near maxima.
+
+        BFGS has its steps in metres, along the axes and of arc.
+        """
         poses, slopes = self._scored(poses, turn)
         spacing = float((self.lengths / self.lattice.counts).min())
         trust = np.full(len(slopes), 0.5 * spacing)
-        sizes = np.maximum(np.linalg.norm(slopes, axis=1), _TINY)
+        sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
         inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
         live = np.arange(len(slopes))
         for _ in range(MAX_ASCENT_STEPS):
             steps = np.einsum("nij,nj->ni", inverse[live], slopes[live])
-            lengths = np.maximum(np.linalg.norm(steps, axis=1), _TINY)
+            lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
             steps *= np.minimum(1.0, trust[live] / lengths)[:, None]
             moving = lengths > ASCENT_TOLERANCE * spacing
             live, steps, lengths = live[moving], steps[moving], np.minimum(lengths, trust[live])[moving]
@@ -322,7 +344,10 @@ class _Score:
         return poses
 
     def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
-        """Move poses by steps (n, d), or by steps and rotations about the centroid (n, 3) or (n, 6)."""
+        """Move poses by steps.
+
+        Steps are translations (n, d), or translations and rotations about the centroid, (n, 3) or (n, 6).
+        """
         rotations, turns = poses.rotations, steps[:, self.dim :] / self.gyration
         if turns.shape[1] == 1:
             cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
@@ -334,7 +359,10 @@ class _Score:
         return poses._replace(centers=poses.centers + steps[:, : self.dim], rotations=rotations)
 
     def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
-        """Return poses with their scores, and the derivatives along steps, see :meth:`_moved`."""
+        """Score poses, and compute the derivatives.
+
+        These are along steps; see :meth:`_moved`.
+        """
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
         cells = np.array(self.shape) / self.lengths
         places = np.zeros((len(arms), arms.shape[1], 3))
@@ -351,7 +379,10 @@ class _Score:
         return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(parts, axis=1)
 
     def sum_pairs(self, center: Floats, matrix: Floats) -> tuple[float, float]:
-        """Return the ideal score of a pose, summed over pairs of balls, and a bound of its error."""
+        """Return the ideal score of a pose.
+
+        It is summed over pairs of balls, and comes with a bound of its error.
+        """
         moved, (body, target) = self.arms @ matrix.T + center, (self.body.radii, self.target.radii)
         value = error = 0.0
         # Lens-shaped overlaps change by at most a cross-section of the smaller ball times a change of the distance.
@@ -371,10 +402,11 @@ class _Score:
 def add_slopes(
     spline: Floats, places: Floats, members: NDArray[np.intp], strengths: Floats, weights: Floats, out: Floats
 ) -> None:
-    """Add a periodic cubic spline times strengths, and its derivatives, at some of the places (n, k, 3), in cells.
+    """Add a spline and its derivatives at places.
 
-    ``spline``, shape (nx, ny, nz), are its coefficients. ``out`` has shape (n, k, 4): the value, and the derivatives
-    along the axes, per cell. ``weights``, shape (3, 2, 4), is scratch.
+    A periodic cubic spline, times strengths, is evaluated at some of the places (n, k, 3), in cells. ``spline``, shape
+    (nx, ny, nz), are its coefficients. ``out`` has shape (n, k, 4): the value, and the derivatives along the axes, per
+    cell. ``weights``, shape (3, 2, 4), is scratch.
     """
     for n in range(len(places)):
         for member in range(len(members)):
@@ -401,7 +433,10 @@ def add_slopes(
 
 
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
-    """Return inverse Hessians (n, k, k), negated, after steps that changed the negated slopes (BFGS)."""
+    """Update inverse Hessians after steps (BFGS).
+
+    They have shape (n, k, k), and are negated. The steps changed the negated slopes.
+    """
     products = (steps * changes).sum(axis=1)
     usable = products > 1e-10 * np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
     rho = np.where(usable, 1.0 / np.where(usable, products, 1.0), 0.0)[:, None, None]
@@ -410,7 +445,10 @@ def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
 
 
 def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
-    """Return rotation matrices, shape (m, d, d), of the argument of :func:`best_placements`."""
+    """Return rotations as matrices, shape (m, d, d).
+
+    They are given as for :func:`best_placements`.
+    """
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
         cells._check_dimension(dim)
