@@ -12,6 +12,8 @@ import numpy as np
 import trimesh
 from numba import njit, prange
 from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from benchmarks.timing import interleave, once
@@ -24,6 +26,7 @@ from cspace.spectral import (
     FourierOverlap,
     Verdict,
     ball_spectrum,
+    best_placements,
     decompose,
     indicator,
     minkowski_sum,
@@ -76,15 +79,28 @@ MIN_DECIDED_PERCENT = 98.0
 MAX_COLLIDE_RATIO = 3.0
 """Largest time of a verdict over FCL's time to test the meshes for collision."""
 
+SEARCH_BALLS = 40, 200
+"""Balls of the body that moves and of the other one, for best placements."""
+
+SEARCH_ROTATIONS = {2: 72, 3: 24}
+"""Rotations of best placements, by dimension."""
+
+RASTER_CELLS_PER_RADIUS = 4.0
+"""Cells of rasters per smallest radius."""
+
+MAX_SCORE_DIFFERENCE = 0.02
+"""Largest relative difference of the best score of the rasters from ours, at the same rotations."""
+
 
 def run(report: Report, seed: int) -> None:
-    """Compare Minkowski sums, spectra, values at placements, and verdicts."""
+    """Compare Minkowski sums, spectra, values at placements, best placements, and verdicts."""
     rng = np.random.default_rng(seed)
     for name, make in (("indicators", _flags), ("bumps of balls", _bumps)):
         _minkowski(report, name, make, rng)
     for dim in (2, 3):
         _spectra(report, dim, rng)
         _values(report, seed, dim, rng)
+        _placements(report, dim, rng)
     _verdicts(report, rng)
 
 
@@ -248,6 +264,46 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
         largest = float(np.abs(together.value).max())
         off = float(np.abs(together.value[:single] - alone.value).max())
         report.check(off <= 1e-8 * largest, f"{name}(ts): within {off / largest:.1g} of one by one, of the largest")
+
+
+def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
+    """Compare best placements with correlations of rasters by scipy, at the same rotations."""
+    few, many = (number // (4 if report.quick else 1) for number in SEARCH_BALLS)
+    count = SEARCH_ROTATIONS[dim] // (6 if report.quick else 1)
+    a, b = (
+        BallDescriptor(rng.uniform(-0.5, 0.5, (number, dim)) * side, rng.choice([0.08, 0.1, 0.15], number), Bump(2.0))
+        for number, side in ((few, 0.8), (many, 2.0))
+    )
+    angles = 2.0 * math.pi * np.arange(count) / count
+    turns = Rotation.from_euler("z", angles[:, None]) if dim == 2 else Rotation.random(count, random_state=0)
+    matrices = turns.as_matrix()[:, :dim, :dim]
+    spacing = float(a.radii.min()) / RASTER_CELLS_PER_RADIUS
+
+    def raster(balls: BallDescriptor) -> Floats:
+        lower, upper = balls.bounds
+        return balls.sample(Grid(lower, spacing, np.ceil((upper - lower) / spacing).astype(int))).values
+
+    def correlate() -> float:
+        fixed = raster(b)
+        moved = (raster(BallDescriptor(a.centers @ matrix.T, a.radii, a.bump)) for matrix in matrices)
+        return max(float(fftconvolve(fixed, np.flip(each)).max()) for each in moved) * spacing**dim
+
+    report.section(
+        f"best of all positions at {count} rotations, {few} and {many} balls, {'plane' if dim == 2 else 'space'}"
+    )
+    calls: dict[str, Callable[[], Any]] = {
+        "best_placements, rotations as given": lambda: best_placements(a, b, matrices, 10, refine_rotations=False),
+        "best_placements, rotations refined": lambda: best_placements(a, b, matrices, 10),
+        f"rasters of {spacing:g} m, scipy's fftconvolve": correlate,
+    }
+    timings = interleave(calls, 1 if report.quick else 3)
+    report.timings(timings)
+    given, refined, rasters = timings.values()
+    report.ratio("rasters / rotations as given", rasters, given)
+    score, best = float(given.value.scores[0]), float(refined.value.scores[0])
+    off = abs(rasters.value - score) / score
+    report.check(off <= MAX_SCORE_DIFFERENCE, f"best score of the rasters: within {off:.2g} of ours")
+    report.figure("rise of the best score if rotations are refined", 100.0 * (best / score - 1.0), "%", least=0.0)
 
 
 def _verdicts(report: Report, rng: np.random.Generator) -> None:

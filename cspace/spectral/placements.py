@@ -14,7 +14,7 @@ from cspace.check import check_count, check_finite, check_flag, check_not_negati
 from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.rotations import Rotations
-from cspace.spectral.bump import Bump, pair_integrals
+from cspace.spectral.bump import Bump
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
     SMALLEST_NORMAL,
@@ -29,6 +29,7 @@ from cspace.spectral.overlap import FourierOverlap, rotation_matrix
 from cspace.spectral.spectra import (
     Complexes,
     FrequencyLattice,
+    PairIntegrals,
     ball_spectrum,
     norm_square,
     radial_terms,
@@ -184,8 +185,7 @@ def best_placements(
             score.root, SPARE_SEPARATION * apart, most
         )
     found = score.climb(found, refine_rotations).distinct(score.root, apart, number)
-    sums = [score.sum_pairs(*pose) for pose in zip(found.centers, found.rotations, strict=True)]
-    scores, bounds = np.array(sums).reshape(-1, 2).T
+    scores, bounds = score.sum_pairs(found)
     best = np.argsort(-scores, kind="stable")
     best = best[scores[best] > bounds[best]]
     return Placements(scores[best], bounds[best], score.translations(found)[best], found.rotations[best])
@@ -378,24 +378,29 @@ class _Score:
             parts.append(np.stack(twists, axis=1) / self.gyration)
         return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(parts, axis=1)
 
-    def sum_pairs(self, center: Floats, matrix: Floats) -> tuple[float, float]:
-        """Return the ideal score of a pose.
+    def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
+        """Return the ideal scores of poses and bounds of their errors.
 
-        It is summed over pairs of balls, and comes with a bound of its error.
+        Both have shape (n,). Scores are summed over pairs of balls.
         """
-        moved, (body, target) = self.arms @ matrix.T + center, (self.body.radii, self.target.radii)
-        value = error = 0.0
-        # Lens-shaped overlaps change by at most a cross-section of the smaller ball times a change of the distance.
-        shift = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + float(np.abs(center).max()))
-        for part in np.array_split(np.arange(len(body)), math.ceil(len(body) * len(target) / PAIRS_PER_BATCH)):
-            gaps = np.linalg.norm(moved[part, None] - self.target.centers, axis=2)
-            i, j = np.nonzero(gaps < body[part, None] + target + shift)
-            first, second = body[part][i], target[j]
-            values, errors = pair_integrals(self.body.bump, first, second, gaps[i, j], self.dim)
-            edges = {2: 2.0, 3: math.pi}[self.dim] * np.minimum(first, second) ** (self.dim - 1)
-            value += float(self.weights[j] @ values)
-            error += float(np.abs(self.weights[j]) @ (errors + shift * edges + 2.0**-40 * values))
-        return value, error
+        body, target = self.body.radii, self.target.radii
+        far = float(np.abs(poses.centers).max(initial=0.0))
+        shift = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + far)
+        found: list[Floats] = []
+        for pose, (center, matrix) in enumerate(zip(poses.centers, poses.rotations, strict=True)):
+            moved = self.arms @ matrix.T + center
+            for part in np.array_split(np.arange(len(body)), math.ceil(len(body) * len(target) / PAIRS_PER_BATCH)):
+                gaps = np.linalg.norm(moved[part, None] - self.target.centers, axis=2)
+                i, j = np.nonzero(gaps < body[part, None] + target + shift)
+                found.append(np.stack([np.full(len(i), pose), body[part][i], target[j], gaps[i, j], self.weights[j]]))
+        rows, first, second, distances, weights = np.concatenate([np.empty((5, 0)), *found], axis=1)
+        values, errors = PairIntegrals(self.body.bump, self.dim).at(first, second, distances)
+        # The common part of two balls changes by at most a cross-section of the smaller one times a change of distance.
+        edges = {2: 2.0, 3: math.pi}[self.dim] * np.minimum(first, second) ** (self.dim - 1)
+        errors += shift * edges + 2.0**-40 * np.abs(values)
+        sums = (weights * values, np.abs(weights) * errors)
+        scores, bounds = (np.bincount(rows.astype(np.int64), each, len(poses.scores)) for each in sums)
+        return np.asarray(scores, dtype=np.float64), np.asarray(bounds, dtype=np.float64)
 
 
 @kernel

@@ -779,30 +779,42 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
 
     Returns the integral, a sum over all pairs of balls, and a bound of its error.
     """
-    bump = balls.bump
-    radii, which = np.unique(balls.radii, return_inverse=True)
-    tables: dict[int, PairTable] = {}
     # Each ball with itself once, and each pair of different balls twice.
-    square = radial_transform(lambda s: bump.values(s) ** 2, np.zeros(1), balls.dim)
+    square = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
     value = float(square[0] * (balls.radii**balls.dim).sum())
     error = SAFETY_FACTOR * SELF_INTEGRAL_ERROR * value
+    integrals = PairIntegrals(balls.bump, balls.dim)
     for i, j in _touching_pairs(balls):
         gaps = np.linalg.norm(balls.centers[i] - balls.centers[j], axis=1)
-        keys, group, counts = np.unique(which[i] * len(radii) + which[j], return_inverse=True, return_counts=True)
-        # Radii with many pairs get a table, except for indicators, whose integrals are not smooth in the distance.
-        many = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
+        values, errors = integrals.at(balls.radii[i], balls.radii[j], gaps)
+        value, error = value + 2.0 * float(values.sum()), error + 2.0 * float(errors.sum())
+    return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
+
+
+class PairIntegrals:
+    """Integrals of products of two bumps; radii with many pairs get a table."""
+
+    def __init__(self, bump: Bump, dim: int) -> None:
+        self._bump, self._dim = bump, dim
+        self._tables: dict[complex, PairTable] = {}
+
+    def at(self, first: Floats, second: Floats, distances: Floats) -> tuple[Floats, Floats]:
+        """Return the integrals of pairs (n,) and bounds of their errors."""
+        values, errors = np.zeros((2, len(distances)))
+        pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
+        keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)
+        # The integrals of indicators are not smooth in the distance.
+        many = (counts > PAIR_TABLE_NODES) & (not self._bump.is_indicator)
         for number in np.flatnonzero(many):
-            key = int(keys[number])
-            if key not in tables:
-                one, other = divmod(key, len(radii))
-                tables[key] = _tabulate_pair(bump, float(radii[one]), float(radii[other]), balls.dim)
-            values, off = tables[key](gaps[group == number])
-            value, error = value + 2.0 * float(values.sum()), error + 2.0 * len(values) * off
+            key = complex(keys[number])
+            if key not in self._tables:
+                self._tables[key] = _tabulate_pair(self._bump, key.real, key.imag, self._dim)
+            members = group == number
+            values[members], errors[members] = self._tables[key](distances[members])
         few = ~many[group]
         if few.any():
-            values, offs = pair_integrals(bump, balls.radii[i[few]], balls.radii[j[few]], gaps[few], balls.dim)
-            value, error = value + 2.0 * float(values.sum()), error + 2.0 * float(offs.sum())
-    return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
+            values[few], errors[few] = pair_integrals(self._bump, first[few], second[few], distances[few], self._dim)
+        return values, errors
 
 
 def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
