@@ -195,6 +195,8 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
     is_box, is_ball = rows[:, 9] < 0.0, _are_balls(rows)
     u, v = rows[:, 3:6], rows[:, 6:9]
     upright = is_box & ~u[:, 1:].any(axis=1) & ~v[:, ::2].any(axis=1)
+    if upright.all():
+        return np.empty((0, 3)), np.zeros(len(rows) + 1, dtype=np.int64)
     counts = np.where(upright, 0, np.where(is_box, 8, np.where(is_ball, 1, 3)))
     firsts = np.append(0, np.cumsum(counts))
     corners = np.empty((int(firsts[-1]), 3))

@@ -234,7 +234,7 @@ def fill_boxes(
 
 def node_maxima(values: Floats, spans: Ints) -> Floats:
     """Return the largest value among the items of each node."""
-    bounds = np.stack([spans[:, 0], spans.sum(axis=1)], axis=1).ravel()
+    bounds = np.stack([spans[:, 0], spans[:, 0] + spans[:, 1]], axis=1).ravel()
     return np.asarray(np.maximum.reduceat(np.append(values, 0.0), bounds)[::2]) if len(spans) else np.empty(0)
 
 
