@@ -107,6 +107,8 @@ class PosedShape:
     def hulls(self) -> Hulls:
         """Tree of hulls of the boundary, or of boxes and balls."""
         corners, windings = self.surface
+        if not len(corners):
+            return build_hulls(self.tree, 0.0)
         volume = (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ windings) / 6.0
         return build_hulls(self.tree, float(volume))
 

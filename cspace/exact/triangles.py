@@ -156,11 +156,13 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
     """
     is_box = rows[:, 9] < 0.0
     corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
-    one, two, three = np.moveaxis(corners, 1, 0)  # quicker than a minimum along a short axis
+    one, two, three = corners.transpose(1, 0, 2)  # quicker than a minimum along a short axis
     low = np.minimum(np.minimum(one, two), three) - grown
     high = np.maximum(np.maximum(one, two), three) + grown
-    center, first, second = np.moveaxis(corners[is_box], 1, 0)
-    third = np.cross(first, second)
+    if not is_box.any():
+        return low, high
+    center, first, second = corners[is_box].transpose(1, 0, 2)
+    third = first[:, [1, 2, 0]] * second[:, [2, 0, 1]] - first[:, [2, 0, 1]] * second[:, [1, 2, 0]]
     third *= (rows[is_box, 9] / np.linalg.norm(third, axis=1))[:, None]
     half = np.abs(first) + np.abs(second) + np.abs(third)
     low[is_box], high[is_box] = center - half, center + half
