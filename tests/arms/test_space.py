@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import planners
@@ -287,6 +287,12 @@ def measure_distances_to_bars(q: Any, point: Any) -> Any:
 ANGLE = st.floats(-8.0, 8.0)
 
 
+@pytest.fixture(scope="module")
+def turning_arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    """Return a planar arm whose joints turn without limits."""
+    return Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"), kind="continuous", limits=None))
+
+
 @given(
     q0=st.tuples(ANGLE, st.floats(-2.5, 2.5)),
     turn=st.floats(-np.pi, np.pi),
@@ -294,15 +300,14 @@ ANGLE = st.floats(-8.0, 8.0)
     radius=st.floats(0.3, 2.1),
     direction=st.floats(-np.pi, np.pi),
 )
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150)
 def test_certified_motions_turn_continuous_joints_the_shorter_way(
-    tmp_path: Path, q0: Any, turn: float, elbow: float, radius: float, direction: float
+    turning_arm: Arm, q0: Any, turn: float, elbow: float, radius: float, direction: float
 ) -> None:
     """Place a small ball on or beside the shorter motion."""
-    arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     point = radius * np.cos(direction), radius * np.sin(direction)
     ball = {"ball": PosedShape(Robot.ball(0.1).shape, pose_at(*point, 0.0))}
-    space = build_arm_space(ball, arm, allowed_collisions=[("foot", "ball")])
+    space = build_arm_space(ball, turning_arm, allowed_collisions=[("foot", "ball")])
     q1 = (q0[0] + turn, elbow)
     near = measure_distances_to_bars(np.linspace(q0, q1, 2000), point).min()
     certified = space.certify_path([q0, q1])[0]

@@ -247,13 +247,20 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
     ([{"id": "a", "planes": [{"coef": [0, 0, 0, 1]}]}], "a, b and c may not all be zero"),
     ([{"id": "a", "planes": [{"coef": [0, 0, 1]}]}], "as coef of planes"),
     (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
-    ([make_primitive("box", [1, 1, 1], name=f"b{n}") for n in range(10_001)], "holds more than 10000 shapes"),
 )
 def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
     path = write_scene(tmp_path, *objects)
     with pytest.raises((FileError, GeometryError), match=expected) as caught:
         Workspace.from_moveit_scene(path, 0.1, BOUNDS)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+
+
+def test_a_scene_with_more_shapes_than_the_limit_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("cspace.shapes.scenes.MAX_SHAPES", 20)
+    boxes = [make_primitive("box", [1, 1, 1], name=f"b{n}") for n in range(21)]
+    assert len(read_moveit_scene(write_scene(tmp_path, *boxes[:20]))) == 20
+    with pytest.raises(FileError, match="holds more than 20 shapes"):
+        read_moveit_scene(write_scene(tmp_path, *boxes))
 
 
 @refusals(
