@@ -76,7 +76,7 @@ class Sizes:
     moves: int
 
 
-FULL = Sizes(50, ((1.0, 10), (10.0, 3)), 24, 100)
+FULL = Sizes(20, ((1.0, 4), (10.0, 1)), 24, 100)
 QUICK = Sizes(2, ((0.2, 1),), 2, 5)
 
 
