@@ -258,8 +258,9 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
 
 
 def test_widest_path_refuses_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = build_room("plane")
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
     with pytest.raises(
         InputError, match=r"with the clearance of its cells.* needs about .* of memory.*at most 950 bytes"
     ):
-        build_room("plane").find_widest_path(*ENDPOINTS["plane"])
+        space.find_widest_path(*ENDPOINTS["plane"])
