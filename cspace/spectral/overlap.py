@@ -390,8 +390,9 @@ class FourierOverlap:
         placements = check_points(t, "t", self.dim)
         relative = self._relative(placements.reshape(-1, self.dim))
         verdicts = self._contact_test.evaluate(relative)
-        if placements.ndim == 1 and not (self.threshold > 0.0 and verdicts[0]):  # arrays would take twice the time
-            return Separation(_VERDICTS[verdicts[0]], 0, 0.0, math.inf if verdicts[0] else 0.0)
+        first = int(verdicts[0]) if placements.ndim == 1 else 0
+        if placements.ndim == 1 and (first == 0 or self.threshold == 0.0):  # arrays would take twice the time
+            return Separation(_VERDICTS[first], 0, 0.0, math.inf if first else 0.0)
         touching = verdicts != Verdict.MISS
         counts, sums = np.zeros(len(verdicts), dtype=np.int64), np.zeros((len(verdicts), 2))
         sums[touching, 1] = math.inf
