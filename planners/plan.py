@@ -381,7 +381,7 @@ def _check_built_in_search(task: _Task) -> None:
         and edges.follows_cells
         and not decides_mixed,  # without cells, the geometry decides anyway
         "drive": edges.drive,
-        "iterations": task.search.iterations,
+        "iterations": None if name == BIRRT else task.search.iterations,
     }
     if name == LATTICE and options.pop("drive") == HOLONOMIC:
         problem, rule = f"is {name!r} and drive is {edges.drive!r}", f"{name} is for all other drives"
