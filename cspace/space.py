@@ -622,7 +622,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.widest import LEVELS_PER_CELL, MAX_LEVEL
 
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        levels = self._update_widest().levels
+        levels = self._update_clearance_levels().levels
         clearances = np.arange(MAX_LEVEL + 1, dtype=np.float64) * (self.grid.spacing / LEVELS_PER_CELL)
         factors = factor_at(clearances).astype(np.float32)
         until = clock() + seconds
@@ -736,14 +736,14 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.widest import find_widest_path
 
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        widest, kernel_map = self._update_widest(), self._grid_kernel_map
+        widest, kernel_map = self._update_clearance_levels(), self._grid_kernel_map
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         join = partial(self._components_of, exterior_open=np.zeros(len(self._seen), dtype=np.bool_))
         path = find_widest_path(widest, kernel_map, self.grid, both, join, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
 
-    def _update_widest(self) -> Widest:
+    def _update_clearance_levels(self) -> Widest:
         """Return the levels of all cells after the last update; raise InputError if they do not fit into memory."""
         from cspace.map.widest import WIDEST_BYTES_PER_CELL
 
@@ -753,7 +753,7 @@ class CSpace(ConfigurationMap, MapExport):
         check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
         with self._lock:
             # A new object, because searches in other threads may still read the old levels.
-            widest = vars(self)["_widest"] = self._widest.updated(self._grid_kernel_map, self._seen)
+            widest = vars(self)["_clearance_levels"] = self._clearance_levels.updated(self._grid_kernel_map, self._seen)
         return widest
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
@@ -1007,7 +1007,7 @@ class CSpace(ConfigurationMap, MapExport):
         CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
         if change.changed:
             CSpace._free_cells.drop(self)
-            for part in (CSpace._mip, CSpace._widest, CSpace._inflation, CSpace._components, CSpace._guides):
+            for part in (CSpace._mip, CSpace._clearance_levels, CSpace._inflation, CSpace._components, CSpace._guides):
                 part.refresh(self, change.states)
         unrolled, periodic = CSpace._with_other_turns.cached(self), contents.periodic
         if unrolled is not None:
@@ -1250,8 +1250,8 @@ class CSpace(ConfigurationMap, MapExport):
         return Guides(self._seen, self._slice_of, self.rotations._neighbors, self._turn_costs)
 
     @lazy
-    def _widest(self) -> Widest:
-        """Clearances for the widest paths."""
+    def _clearance_levels(self) -> Widest:
+        """Clearance levels of all cells, and searches for widest paths over them; computed at first access."""
         from cspace.map.widest import Widest
 
         return Widest.of(self._grid_kernel_map, self._seen, self.rotations, self.periodic_axes[: self.grid.dim])

@@ -51,8 +51,11 @@ class Update:
     changed: int
 
     @classmethod
-    def of(cls, updates: Sequence[Update], dim: int) -> Update:
-        """Combine updates of disjoint sets of cells."""
+    def combine(cls, updates: Sequence[Update], dim: int) -> Update:
+        """Combine updates of disjoint sets of workspace cells.
+
+        The box is that around the boxes of all updates, and numbers are added.
+        """
         computed = [each for each in updates if each.lower != each.upper]
         nowhere = [cls(0, (0,) * dim, (0,) * dim, 0)]
         lower = np.min([each.lower for each in computed or updates or nowhere], axis=0)
@@ -205,19 +208,27 @@ class Updater:
         self._layer_counts = _layer_counts(self._workspace.outer) if contents.outside == "free" else []
 
     def update(self, patch: Patch) -> Update:
-        """Write cells into the base of the workspace, and update the map."""
+        """Write a box of known cells into the base, and update the map.
+
+        The *base* is the workspace without named obstacles. Its outer cells meet an obstacle, its inner cells lie in
+        obstacles.
+        """
         base = self._workspace if self._layers is None else self._layers
-        same = zip((base.outer, base.inner), (patch.outer, patch.inner), strict=True)
-        known = base.unknown is None or not base.unknown[patch.window].any()
-        if known and all((old[patch.window] == new).all() for old, new in same):
+        pairs = zip((base.outer, base.inner), (patch.outer, patch.inner), strict=True)
+        were_known = base.unknown is None or not base.unknown[patch.window].any()
+        if were_known and all((old[patch.window] == new).all() for old, new in pairs):
+            # Nothing changes, so the workspace keeps its shapes.
             return Update(0, patch.lower, patch.lower, 0)
         if self._layers is not None:
+            # Named obstacles lie over the base, so the map gets the union of both.
             self._layers.write(patch.window, patch.outer, patch.inner)
             first = np.array(patch.lower)
             return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
+        # Without named obstacles, the base is the workspace. Its shapes no longer describe its cells.
         self._set_shapes(None)
         update = self._write(patch)
-        if not known:
+        if not were_known:
+            # Unknown cells became known, which caches must see even if no outer or inner cell changed.
             self._refresh_shapes()
         return update
 
@@ -254,7 +265,7 @@ class Updater:
             raise
         finally:
             self._refresh_shapes()
-        return Update.of(updates, len(layers.grid.shape))
+        return Update.combine(updates, len(layers.grid.shape))
 
     def _set_shapes(self, shapes: tuple[Shape, ...] | None) -> None:
         """Replace the shapes of the workspace."""

@@ -82,7 +82,7 @@ def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numb
         q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[size + axis])
     for axis in range(dim):
         square += (q1[axis] - q0[axis]) ** 2
-    metres, angle = math.sqrt(square), map_.rotations.turn_of(q0, q1, 0)[0]
+    metres, angle = math.sqrt(square), map_.rotations.arc_angle_and_error(q0, q1, 0)[0]
     steps, total = max(1, math.ceil(max(metres / map_.spacing, angle / MAX_RADIANS_PER_STEP))), 0.0
     for k in range(steps):
         t = (k + 0.5) / steps

@@ -487,25 +487,38 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
 
 
 @kernel
-def nearest_in_simplex(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
+def nearest_in_simplex(new: Row, a: Row, b: Row, c: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
     """Add a corner to a simplex; find its point nearest the origin.
 
-    Returns that point, the corners of its face, and their number. Unused corners repeat others. Four corners mean that
-    the simplex contains the origin.
+    The simplex has ``count`` corners, from 0 to 3, among ``a``, ``b`` and ``c``; unused places repeat a corner. Returns
+    the nearest point, three corners of its face, padded likewise, and their number. The number is 4 if the tetrahedron
+    contains the origin; the point then has no meaning. E. G. Gilbert, D. W. Johnson and S. S. Keerthi, 1988 (GJK).
     """
     if count < 2:
-        return nearest_in_triangle(w, p if count else w, p if count else w)
+        return nearest_in_triangle(new, a if count else new, a if count else new)
     if count == 2:
-        return nearest_in_triangle(w, p, r)
-    o = scale_vector(w, -1.0)
-    u, v, x = minus(p, w), minus(q, w), minus(r, w)
-    volume = dot(u, cross(v, x))
-    s, t, y = dot(o, cross(v, x)) / volume, dot(u, cross(o, x)) / volume, dot(u, cross(v, o)) / volume
-    if volume != 0.0 and s >= 0.0 and t >= 0.0 and y >= 0.0 and s + t + y <= 1.0:
-        return o, p, q, r, 4
-    best = nearest_in_triangle(w, p, q)
-    for one, two in ((q, r), (r, p)):
-        other = nearest_in_triangle(w, one, two)
+        return nearest_in_triangle(new, a, c)  # b repeats a or c
+    # Find the barycentric weights of the origin by Cramer's rule; the new corner has the remaining weight.
+    origin = scale_vector(new, -1.0)
+    to_a, to_b, to_c = minus(a, new), minus(b, new), minus(c, new)
+    volume = dot(to_a, cross(to_b, to_c))
+    weight_a, weight_b, weight_c = (
+        dot(origin, cross(to_b, to_c)) / volume,
+        dot(to_a, cross(origin, to_c)) / volume,
+        dot(to_a, cross(to_b, origin)) / volume,
+    )
+    if (
+        volume != 0.0
+        and weight_a >= 0.0
+        and weight_b >= 0.0
+        and weight_c >= 0.0
+        and weight_a + weight_b + weight_c <= 1.0
+    ):
+        return origin, a, b, c, 4
+    # Skip the face (a, b, c): the new corner lies on the origin's side of it, so a nearer point is on another face.
+    best = nearest_in_triangle(new, a, b)
+    for first, second in ((b, c), (c, a)):
+        other = nearest_in_triangle(new, first, second)
         if dot(other[0], other[0]) < dot(best[0], best[0]):
             best = other
     return best
@@ -513,7 +526,10 @@ def nearest_in_simplex(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row,
 
 @kernel
 def nearest_in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
-    """Return :func:`nearest_in_simplex` of a triangle, whose corners may coincide."""
+    """Find the point of a triangle nearest the origin.
+
+    Returns as :func:`nearest_in_simplex`; corners may coincide.
+    """
     s, t = triangle_weights(a, b, c)
     if s == 0.0 and t == 0.0:
         return a, a, a, a, 1

@@ -20,7 +20,7 @@ from cspace.errors import InputError
 from cspace.exact.boundaries import as_triangles, part_anchors
 from cspace.exact.triangles import Trees, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
-from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, as_shape
+from cspace.shapes import BoundedShape, ExactShape, Mesh, RoundedSimplices, Shape, ShapeLike, Voxels, as_shape
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -85,10 +85,10 @@ class PosedShape:
         return np.asarray(points @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     @cached_property
-    def boundary(self) -> Pieces:
+    def boundary(self) -> RoundedSimplices:
         """Boundary as triangles."""
         simplices, radii = self._exact.boundary()
-        return as_triangles([Pieces(self.transform(simplices), radii)])
+        return as_triangles([RoundedSimplices(self.transform(simplices), radii)])
 
     @property
     def rows(self) -> tuple[Floats, Floats]:

@@ -14,7 +14,7 @@ from cspace.map.storage import Map
 from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.shapes import ExactShape, Pieces
+from cspace.shapes import ExactShape, RoundedSimplices
 from cspace.shapes.bodies import component_labels
 from cspace.workspace import Workspace
 
@@ -95,7 +95,7 @@ class Problem(NamedTuple):
 class ObstacleBoundary(NamedTuple):
     """Boundaries of obstacles, and the rounding of clipping them, metres."""
 
-    pieces: list[Pieces]
+    pieces: list[RoundedSimplices]
     error: float
 
 
@@ -119,7 +119,7 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
     return ObstacleBoundary(borders, error)
 
 
-def as_triangles(parts: Sequence[Pieces]) -> Pieces:
+def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
     """Join pieces into triangles in space.
 
     Points and segments repeat their last corner. Pieces of the plane lie at z = 0.
@@ -130,10 +130,10 @@ def as_triangles(parts: Sequence[Pieces]) -> Pieces:
         triangles = part.simplices[:, np.minimum(range(3), corners - 1)]
         simplices.append(np.pad(triangles, ((0, 0), (0, 0), (0, 3 - dim))))
         radii.append(part.radii)
-    return Pieces(np.concatenate(simplices), np.concatenate(radii))
+    return RoundedSimplices(np.concatenate(simplices), np.concatenate(radii))
 
 
-def clip(border: Pieces, grid: Grid) -> Pieces:
+def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     """Clip a boundary to the closed box of the grid.
 
     Balls that reach the box stay whole.
@@ -146,14 +146,14 @@ def clip(border: Pieces, grid: Grid) -> Pieces:
         # Farther pieces do not reach the grid. Without the cap, the squares of large distances would overflow.
         apart = np.sqrt((np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100) ** 2).sum(axis=1))
         near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
-        return Pieces(simplices[near], border.radii[near])
+        return RoundedSimplices(simplices[near], border.radii[near])
     for axis in range(grid.dim):
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
             simplices = _clip_to_half_space(simplices, axis, wall, sign)
     return _without_radii(simplices)
 
 
-def connected_parts(border: Pieces) -> tuple[Floats, Ints]:
+def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
     """Sort the vertices of a boundary by connected part.
 
     Returns the vertices, shape (n, d), and the index of the first vertex of each part.
@@ -167,7 +167,7 @@ def connected_parts(border: Pieces) -> tuple[Floats, Ints]:
     return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
 
 
-def part_anchors(border: Pieces) -> tuple[Floats, Floats]:
+def part_anchors(border: RoundedSimplices) -> tuple[Floats, Floats]:
     """Return one vertex and the size of each connected part.
 
     The vertices have shape (n, d); the sizes, in metres, shape (n,).
@@ -247,6 +247,6 @@ def _cap_region(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
     return endpoints[endpoints[:, 0, along] < endpoints[:, 1, along]]
 
 
-def _without_radii(simplices: Floats) -> Pieces:
+def _without_radii(simplices: Floats) -> RoundedSimplices:
     """Return pieces with zero radii."""
-    return Pieces(simplices, np.zeros(len(simplices)))
+    return RoundedSimplices(simplices, np.zeros(len(simplices)))

@@ -24,7 +24,7 @@ from cspace.map.batches import as_contiguous
 from cspace.map.edges import along, edge_is_free, edges_are_free
 from cspace.map.points import Numbers, classify, configuration, is_usable, state_at
 from cspace.map.storage import Map
-from cspace.shapes import Box, Pieces
+from cspace.shapes import Box, RoundedSimplices
 from cspace.threads import in_chunks
 
 MAX_MOTION_CELLS: Final = 2.0
@@ -228,7 +228,7 @@ class BoundaryProofs:
         )
         scale = 2.0 ** -math.frexp(max_coordinate)[1]
         trees, roots = build_trees(
-            [Pieces(scale * part.simplices, scale * part.radii) for part in (boundary, fixed, walls)],
+            [RoundedSimplices(scale * part.simplices, scale * part.radii) for part in (boundary, fixed, walls)],
             problem.rotations._about_z,
         )
         corners, starts = connected_parts(boundary)
@@ -398,8 +398,8 @@ def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) 
         size += length
     step = minus(reference_point(map_, q1, scale), reference_point(map_, q0, scale))
     for arc in range(map_.rotations.arc_count(q0, q1)):
-        angle, jump = map_.rotations.turn_of(q0, q1, arc)
-        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + jump * boundaries.max_lever
+        angle, angle_error = map_.rotations.arc_angle_and_error(q0, q1, arc)
+        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + angle_error * boundaries.max_lever
         speed = math.sqrt(dot(step, step)) + angle * boundaries.max_lever
         # Most colliding edges of a planner collide at an endpoint. For a point, the endpoint is the whole edge.
         parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
@@ -419,7 +419,7 @@ def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) 
             half, center = 0.5 * (last - first), 0.5 * (first + last)
             # If the rotation jumps, a part may be at any rotation of the whole arc, so cells prove nothing.
             if (
-                jump == 0.0
+                angle_error == 0.0
                 and 0.0 < last - first < 1.0
                 and edge_is_free(map_, None, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
             ):

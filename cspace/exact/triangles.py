@@ -36,7 +36,7 @@ import numpy as np
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
 from cspace.kernels import apply_pose, box_extent, cross, dot, gap_between, minus, nearest_of_triangle, rotate, row_at
-from cspace.shapes import Pieces
+from cspace.shapes import RoundedSimplices
 
 Corners = tuple[Row, Row, Row]
 OrientedBox = tuple[Row, Row, Row, Row]
@@ -106,7 +106,7 @@ class Motion(NamedTuple):
     drift: float
 
 
-def build_trees(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[int]]:
+def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
     """Build one tree for each set of triangles.
 
     Returns them with their roots. Levers are distances from the z axis if ``about_z``, else from the origin.
@@ -132,7 +132,7 @@ def concatenate_trees(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
     return Trees(boxes, np.concatenate(spans), triangles), roots
 
 
-def pack_triangles(border: Pieces) -> Floats:
+def pack_triangles(border: RoundedSimplices) -> Floats:
     """Return triangles as rows of a tree, shape (n, 10)."""
     return np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])
 

@@ -101,21 +101,21 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
             return part
 
     def cached(self, owner: Locked) -> Part | None:
-        """Return the part, or None."""
+        """Return the value cached in ``owner``, or None."""
         part: Part | None = vars(owner).get(self._name)
         return part
 
     def refresh(self: lazy[Refreshable[P]], owner: Locked, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Refresh the part with the arguments, if cached."""
+        """Refresh the value cached in ``owner``, if any, with the arguments."""
         with owner._lock:
             part = self.cached(owner)
             if part is not None:
                 part.refresh(*args, **kwargs)
 
     def drop(self, owner: Locked) -> None:
-        """Remove the part; the next access computes it again.
+        """Discard the value cached in ``owner``; the next access computes it.
 
-        Waits for a thread that is computing it.
+        If another thread is computing the value, wait for it first.
         """
         with owner._lock:
             vars(owner).pop(self._name, None)

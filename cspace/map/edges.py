@@ -124,12 +124,12 @@ def segment_is_free(map_: Map, blocks: Words | None, slice_index: int, first: Nu
         if len(first) == 3 and not probes_are_free(slice_, p, q):  # planar maps compile no probes
             return False
         if blocks is not None:
-            return blocks_are_free(slice_, blocks, slice_index, p, q)
+            return segment_is_free_by_blocks(slice_, blocks, slice_index, p, q)
     low, high = slice_.low, slice_.high
     for axis in range(3):
         low = replaced(low, axis, min(low[axis], 0))
         high = replaced(high, axis, max(high[axis], slice_.shape[axis] - 1))
-    return slabs_are_free(slice_, p, q, low, high)
+    return segment_is_free_in_box(slice_, p, q, low, high)
 
 
 @kernel
@@ -184,12 +184,13 @@ def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, i
 
 
 @kernel
-def slabs_are_free(slice_: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
-    """Return True if a segment's cells are FREE.
+def segment_is_free_in_box(slice_: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
+    """Return True if a segment touches only FREE cells in a box.
 
-    Only cells in a box count. The segment leads from `p` to `q`, in cells; the box from cell `low` to `high`. The
-    segment is cut into slabs along x, and each slab along y; each piece touches a run of cells along z.
+    The segment leads from `p` to `q`, in cells. The box has the cells from `low` to `high`, both included; cells
+    outside it are not tested.
     """
+    # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells along z.
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     for i in range(max(low[0], first), min(high[0], last) + 1):
         start, stop = slab_times(p[0], q[0], i, i)
@@ -208,8 +209,8 @@ def slabs_are_free(slice_: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell)
 
 
 @kernel
-def blocks_are_free(slice_: Slice, blocks: Words, slice_index: int, p: Numbers, q: Numbers) -> bool:
-    """Return True if a segment is FREE, by blocks.
+def segment_is_free_by_blocks(slice_: Slice, blocks: Words, slice_index: int, p: Numbers, q: Numbers) -> bool:
+    """Return True if a segment touches only FREE cells of the grid.
 
     Blocks of FREE cells are skipped. The segment leads from `p` to `q`, in cells. A set bit in ``blocks`` marks a block
     with cells that are not FREE; only there, the cells are tested.
@@ -238,6 +239,6 @@ def blocks_are_free(slice_: Slice, blocks: Words, slice_index: int, p: Numbers, 
             line, bit, marked = layer[np.uint64(b >> BLOCK_SHIFT)], b & (BLOCK_SIDE - 1), np.uint64(0)
             for c in range(max(bottom, 0) >> BLOCK_SHIFT, (min(top, nz - 1) >> BLOCK_SHIFT) + 1):
                 marked |= line[np.uint64(c >> BLOCK_SHIFT)] >> np.uint64(((c & (BLOCK_SIDE - 1)) << BLOCK_SHIFT) + bit)
-            if marked & ONE and not slabs_are_free(slice_, p, q, (begin, left, ground), (end, right, nz - 1)):
+            if marked & ONE and not segment_is_free_in_box(slice_, p, q, (begin, left, ground), (end, right, nz - 1)):
                 return False
     return True

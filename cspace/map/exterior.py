@@ -20,9 +20,10 @@ UNKNOWN: Final = "unknown"
 
 @dataclass(frozen=True, slots=True)
 class Exterior:
-    """State of the cells outside the grid, per slice.
+    """States of configuration cells outside the grid, for each slice.
 
-    All have one state, except for the MIXED cells of a box.
+    All have one state, except that those in a box are MIXED: there the robot may reach an obstacle, if the space
+    outside the workspace is free, or may fit into the workspace, if that space is blocked.
 
     Attributes
     ----------
@@ -71,10 +72,14 @@ class Exterior:
         return self.table[:, :-1]
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
-        """Return True for slices with a BLOCKED exterior."""
+        """Return True for each slice whose cells outside the grid are all BLOCKED.
+
+        ``shape`` is that of the grid; the result has shape (slices,).
+        """
         first, last = self.boxes[:, : len(shape)], self.boxes[:, len(shape) :]
-        hidden = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
-        return np.asarray((self.table[:, -1] == BLOCKED) & hidden)
+        # A box that is empty or within the grid has no MIXED cell outside the grid.
+        box_in_grid = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
+        return np.asarray((self.table[:, -1] == BLOCKED) & box_in_grid)
 
 
 def reached_box(obstacles: Ints, outer: Raster) -> Ints:

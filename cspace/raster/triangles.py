@@ -281,12 +281,13 @@ def _clip_to_interval(polygon: Floats, n: int, y0: float, y1: float) -> tuple[fl
 
 @jit
 def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float, start: int, stop: int) -> None:
-    """Set ``out[i]`` if box ``i`` is within ``slack`` of a triangle.
+    """Set ``out[i, j, k]`` if that box is within ``slack`` of a triangle.
 
-    Covers first indices in ``[start, stop)``.
+    Box (i, j, k) spans ``[i + b0, i + b1]`` along x, and likewise along y and z; all lengths are in cells. Only boxes
+    with ``start <= i < stop`` are set.
     """
     _, ny, nz = out.shape
-    polygon = np.empty((9, 2))
+    polygon = np.empty((9, 2))  # corners (y, z) of a triangle clipped to a slab
     for t in range(triangles.shape[0]):
         triangle = triangles[t]
         low_x = min(triangle[0, 0], triangle[1, 0], triangle[2, 0])
@@ -294,6 +295,7 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
         first = max(start, math.ceil(low_x - slack - b1))
         last = min(stop - 1, math.floor(high_x + slack - b0))
         for i in range(first, last + 1):
+            # Clip the triangle to the slab of boxes with this x; n corners remain.
             n = _clip_to_slab(triangle, i + b0 - slack, i + b1 + slack, polygon)
             if n == 0:
                 continue
@@ -303,6 +305,7 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
             first_y = max(0, math.ceil(low_y - slack - b1))
             last_y = min(ny - 1, math.floor(high_y + slack - b0))
             for j in range(first_y, last_y + 1):
+                # Clip that polygon to the boxes with this y. It is convex, so it touches one run of boxes along z.
                 low, high = _clip_to_interval(polygon, n, j + b0 - slack, j + b1 + slack)
                 if low > high:
                     continue

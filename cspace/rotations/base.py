@@ -232,10 +232,12 @@ class CompiledRotations(Protocol):
         Two arcs that are equal up to rounding count as two.
         """
 
-    def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of an arc and a planner's deviation from it.
+    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        """Return the angle of a shortest arc, and its error; radians.
 
-        The deviation is the largest angle between the arc and the rotation that a planner may use; both are in radians.
+        ``arc``, from 0 to ``arc_count - 1``, selects one of the shortest arcs from ``q0`` to ``q1``. The error bounds
+        the angle between the rotations on the arc and those of a planner that interpolates in its own way: OMPL does
+        not rotate at all between nearly equal quaternions.
         """
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
@@ -752,8 +754,8 @@ class OneCell(NamedTuple):
         """Return the number of shortest arcs."""
         return 1
 
-    def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of an arc, and the error of a planner's rotation."""
+    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        """Return the angle of a shortest arc, and its error; radians."""
         return 0.0, 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:

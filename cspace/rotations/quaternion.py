@@ -554,11 +554,13 @@ class QuaternionCells(NamedTuple):
         """Return the number of shortest arcs."""
         return 2 if arcs_are_equal(normalise(q0[-4:], 1.0), normalise(q1[-4:], 1.0)) else 1
 
-    def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of an arc, and the error of a planner's rotation."""
+    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        """Return the angle of a shortest arc, and its error; radians."""
         # A rotation's angle is twice that of its quaternion.
         a, b, angle = arc_endpoints(q0, q1, arc)
-        return 2.0 * angle, 2.0 * angle if begin_arc(a, b, False)[7] else 0.0
+        # OMPL keeps one rotation between nearly equal quaternions, so it may be off by the whole angle.
+        is_skipped = begin_arc(a, b, False)[7]
+        return 2.0 * angle, 2.0 * angle if is_skipped else 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
         """Return the first configuration, rotated along an arc."""

@@ -379,8 +379,8 @@ class YawCells(NamedTuple):
         """Return the number of shortest arcs."""
         return 2 if math.pi - abs(signed_angle(q0, q1, 0)) <= ANGLE_SLACK else 1
 
-    def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of an arc, and the error of a planner's rotation."""
+    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        """Return the angle of a shortest arc, and its error; radians."""
         return abs(signed_angle(q0, q1, arc)), 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:

@@ -22,7 +22,7 @@ from cspace.shapes.polygon import Polygons as Polygons
 from cspace.shapes.primitives import SHORT_TEXTS, is_short_text, parse_short_text
 from cspace.shapes.shape import BoundedShape as BoundedShape
 from cspace.shapes.shape import ExactShape as ExactShape
-from cspace.shapes.shape import Pieces as Pieces
+from cspace.shapes.shape import RoundedSimplices as RoundedSimplices
 from cspace.shapes.shape import Shape as Shape
 from cspace.shapes.voxels import Box as Box
 from cspace.shapes.voxels import Voxels as Voxels

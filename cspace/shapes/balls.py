@@ -15,7 +15,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
-from cspace.shapes.shape import ExactShape, Pieces
+from cspace.shapes.shape import ExactShape, RoundedSimplices
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -135,9 +135,9 @@ class Balls(ExactShape):
             inside |= ((array - center) ** 2).sum(axis=-1) <= radius * radius
         return inside
 
-    def boundary(self) -> Pieces:
+    def boundary(self) -> RoundedSimplices:
         """Return the centers, grown by the radii."""
-        return Pieces(self.centers[:, None], self.radii)
+        return RoundedSimplices(self.centers[:, None], self.radii)
 
     @property
     def outline(self) -> BaseGeometry:

@@ -21,7 +21,7 @@ from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import BoundedShape, ExactShape, Pieces, Shape, unique_rows
+from cspace.shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shape, unique_rows
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -296,7 +296,7 @@ class Mesh(ExactShape):
 
         return Buckets.of(self.triangles)
 
-    def boundary(self) -> Pieces:
+    def boundary(self) -> RoundedSimplices:
         """Return the triangles.
 
         Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
@@ -305,7 +305,7 @@ class Mesh(ExactShape):
             rule = "the filled part depends on the spacing, and exact answers must not"
             hint = "close the mesh and pass solid='auto', or ask without exact=True"
             raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
-        return Pieces(self.triangles, np.zeros(len(self.faces)))
+        return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
     @property
     def surface(self) -> Surface:

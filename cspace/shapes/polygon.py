@@ -17,7 +17,7 @@ from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.raster.bitmaps import point_segments, ring_segments
 from cspace.rotations import NO_ROTATION, RotationCell
-from cspace.shapes.shape import ExactShape, Pieces
+from cspace.shapes.shape import ExactShape, RoundedSimplices
 
 if TYPE_CHECKING:
     from shapely import STRtree
@@ -163,10 +163,10 @@ class Polygons(ExactShape):
         shapely.prepare(self.outline)
         return np.asarray(shapely.intersects_xy(self.outline, array[..., 0], array[..., 1]))
 
-    def boundary(self) -> Pieces:
+    def boundary(self) -> RoundedSimplices:
         """Return the boundary as segments."""
         segments = np.concatenate([segments for segments, _ in self.parts]).reshape(-1, 2, 2)
-        return Pieces(segments, np.zeros(len(segments)))
+        return RoundedSimplices(segments, np.zeros(len(segments)))
 
     @property
     def regions(self) -> list[Floats]:

@@ -127,14 +127,14 @@ def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
     return _SURFACE_MAKERS[kind](getattr(geometry, kind), meshes, f"{place}: {kind}")
 
 
-def _box(box: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+def _make_box_bounds(box: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     """Return the surface of a box of a URDF, twice."""
     sides = check_point(box.size, f"{place}: size", 3).tolist()
     surface = Box.of([check_positive(side, f"{place}: size") for side in sides]).surface
     return surface, surface
 
 
-def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+def _make_mesh_bounds(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     """Return the surface of a mesh of a URDF, twice."""
     scale = check_finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
@@ -143,20 +143,24 @@ def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     return surface, surface
 
 
-def _round(
+def _make_curved_bounds(
     make: Callable[..., BoundsPair], names: Sequence[str], shape: Any, meshes: Mapping[str, Path], place: str
 ) -> BoundsPair:
-    """Return the outer and the inner surface of a curved shape."""
-    return make(*(check_positive(getattr(shape, name), f"{place}: {name}") for name in names))
+    """Make the outer and the inner surface of a curved shape of a URDF.
+
+    ``make`` takes the sizes that ``shape`` has under ``names``. ``meshes`` is unused: makers share one signature.
+    """
+    sizes = (check_positive(getattr(shape, name), f"{place}: {name}") for name in names)
+    return make(*sizes)
 
 
 _SURFACE_MAKERS: Final[Mapping[str, Callable[[Any, Mapping[str, Path], str], BoundsPair]]] = {
-    "box": _box,
-    "cylinder": partial(_round, cylinder_bounds, ("radius", "length")),
-    "sphere": partial(_round, partial(capsule_bounds, length=0.0), ("radius",)),
-    "mesh": _mesh,
+    "box": _make_box_bounds,
+    "cylinder": partial(_make_curved_bounds, cylinder_bounds, ("radius", "length")),
+    "sphere": partial(_make_curved_bounds, partial(capsule_bounds, length=0.0), ("radius",)),
+    "mesh": _make_mesh_bounds,
 }
-"""Function that makes the surfaces of each kind of geometry."""
+"""Function that makes the outer and inner surface of each kind of URDF geometry."""
 
 
 _SCENE_KIND: Final = "planning scene"

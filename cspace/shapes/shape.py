@@ -22,17 +22,15 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
-class Pieces(NamedTuple):
-    """A boundary made of points, segments or triangles.
-
-    Each is grown by a radius.
+class RoundedSimplices(NamedTuple):
+    """Points, segments or triangles of a boundary, each grown by a radius.
 
     Attributes
     ----------
     simplices : ndarray of float64, shape (n, k, d)
         Points (k = 1), segments (2) or triangles (3), metres.
     radii : ndarray of float64, shape (n,)
-        Metres.
+        Radii, at least zero, metres.
     """
 
     simplices: Floats
@@ -288,7 +286,7 @@ class ExactShape(Shape):
         """
 
     @abstractmethod
-    def boundary(self) -> Pieces:
+    def boundary(self) -> RoundedSimplices:
         """Return the boundary for exact tests.
 
         It may include pieces inside the shape.

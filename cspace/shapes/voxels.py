@@ -25,7 +25,7 @@ from cspace.raster.bitmaps import (
 )
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Boxes, ExactShape, Pieces
+from cspace.shapes.shape import Boxes, ExactShape, RoundedSimplices
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -103,10 +103,10 @@ class Box(ExactShape):
         array = check_points(points, "points", self.dim)
         return np.asarray(((self.lower <= array) & (array <= self.upper)).all(axis=-1))
 
-    def boundary(self) -> Pieces:
+    def boundary(self) -> RoundedSimplices:
         """Return the boundary as triangles."""
         vertices, faces = self.surface
-        return Pieces(vertices[faces], np.zeros(len(faces)))
+        return RoundedSimplices(vertices[faces], np.zeros(len(faces)))
 
     @property
     def boxes(self) -> Boxes:
@@ -232,12 +232,12 @@ class Voxels(ExactShape):
             inside |= padded[tuple(np.moveaxis(cell, -1, 0))]
         return inside
 
-    def boundary(self) -> Pieces:
+    def boundary(self) -> RoundedSimplices:
         """Return the boundary as segments in the plane, or triangles in space."""
         if self.dim == 2:
-            return Pieces(self._segments.reshape(-1, 2, 2), np.zeros(len(self._segments)))
+            return RoundedSimplices(self._segments.reshape(-1, 2, 2), np.zeros(len(self._segments)))
         triangles = boundary_triangles(self.occupied, self.side, self.lower)
-        return Pieces(triangles, np.zeros(len(triangles)))
+        return RoundedSimplices(triangles, np.zeros(len(triangles)))
 
     @property
     def boxes(self) -> Boxes:

@@ -277,12 +277,15 @@ def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
 
 
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Integrate products of bumps for many pairs, shape (n,).
+    """Integrate the product of two radial bump functions, for many pairs.
 
-    Returns the integrals and their error bounds. For more than a few pairs, the bound is the largest difference of two
-    rules over all pairs, relative to the smaller ball. On a single pair, two rules may agree by chance.
+    ``first`` and ``second`` are the radii of the bumps, and ``distances`` those of their centers, in one unit; shape
+    (n,). Returns the integrals over the plane or space, and bounds of their errors, shape (n,) each. For more than
+    ``MAX_SINGLE_PAIRS`` pairs, the bound is the largest difference of two quadrature rules over all pairs, relative to
+    ``radius^dim`` of the smaller ball. On a single pair, two rules may agree by chance.
     """
     if bump.is_indicator:
+        # The integral is the measure of a lens, in closed form; 2^-50 allows for its rounding.
         values = lens_measure(first, second, distances, dim)
         return values, SAFETY_FACTOR * 2.0**-50 * values
     sizes = np.minimum(first, second) ** dim
@@ -290,9 +293,10 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
         triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
         values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
         return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + PAIR_FLOOR * sizes
-    # Compare two rules on all pairs at once.
+    # Compare a coarse and a fine quadrature rule on all pairs at once.
     rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in BATCH_RULE_SIZES)
     worst = SAFETY_FACTOR * float((np.abs(rough - values) / sizes).max())
+    # Both rules may round alike, so their difference misses rounding; 2^-46 allows for that of the sums.
     return values, worst * sizes + 2.0**-46 * values
 
 

@@ -16,7 +16,7 @@ from cspace.exact.triangles import build_trees
 from cspace.grid import Grid
 from cspace.kernels import point_segment, point_triangle, row_at
 from cspace.limits import check_memory
-from cspace.shapes import Balls, ExactShape, Pieces, Polygons, Shape
+from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
 from cspace.threads import in_chunks
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
@@ -179,7 +179,7 @@ class ShapeBoundary:
         longest = np.linalg.norm(edges, axis=2).max(axis=1)
         areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         errors = np.where((areas <= THIN_HEIGHT * longest**2) & (self.dim == 3), THIN_HEIGHT * longest, 0.0)
-        (boxes, spans, rows), _ = build_trees([Pieces(triangles, errors)], about_z=False)
+        (boxes, spans, rows), _ = build_trees([RoundedSimplices(triangles, errors)], about_z=False)
         corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
         return PieceTree(corners, rows[:, 9].copy(), boxes, spans, self.dim == 3)
 

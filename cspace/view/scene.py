@@ -143,14 +143,20 @@ class Stage:
         return vertices, np.arange(len(vertices)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
     def section(self, blocks: Blocks, cut: float, hole: Part | None = None) -> Section:
-        """Return a section at the height ``cut``, or the ground of a plane map."""
-        layer = self._below(blocks, cut)[0][..., -1]
+        """Return a picture of a horizontal cut through the map.
+
+        In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks. ``hole`` is a part that
+        is drawn separately, in smaller blocks; it stays transparent here.
+        """
+        layer = self._below(blocks, cut)[0][..., -1]  # the highest layer of blocks that begins below the cut
         lower = self.lower[:2] + self.grid.spacing * blocks.first[:2]
         upper = np.minimum(lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2])
-        image = self._colors[layer]
+        image = self._colors[layer]  # [x, y, channel]; a copy
         if hole is not None:
             image[_box(hole, blocks.side)[:2]] = 0
+        # Images are indexed [row, column], and their first row is the one with the largest y.
         image = image.transpose(1, 0, 2)[::-1]
+        # Browsers blur enlarged images, so each block gets several pixels along each side.
         repeat = max(1, MIN_SECTION_PIXELS // max(layer.shape))
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
         return Section(image, lower, upper, cut if self.has_height else 0.0)

@@ -12,12 +12,12 @@ import cspace
 from cspace import Workspace
 from cspace.exact.boundaries import clip, obstacle_boundary, part_anchors
 from cspace.raster.bitmaps import boundary_triangles
-from cspace.shapes import Pieces
+from cspace.shapes import RoundedSimplices
 from tests.strategies import seeds, stars
 
 
 def to_pieces(simplices):
-    return Pieces(simplices, np.zeros(len(simplices)))
+    return RoundedSimplices(simplices, np.zeros(len(simplices)))
 
 
 def compute_areas(triangles):
@@ -79,7 +79,9 @@ def test_boundary_of_a_clipped_polygon_agrees_with_shapely(corners, seed, rounde
 
 def test_clip_keeps_balls_that_reach_the_grid():
     grid = cspace.Grid((0.0, 0.0), 0.5, (2, 2))
-    balls = Pieces(np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]), np.array([0.5, 0.6, 0.0, 1.0]))
+    balls = RoundedSimplices(
+        np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]), np.array([0.5, 0.6, 0.0, 1.0])
+    )
     np.testing.assert_array_equal(clip(balls, grid).radii, [0.5, 0.0])
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace.compiling import kernel
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, build_boxes, build_trees, crosses, free_fraction
-from cspace.shapes import Pieces
+from cspace.shapes import RoundedSimplices
 from tests import solids
 from tests.oracles import cross, dot, minus
 from tests.strategies import seeds
@@ -114,7 +114,7 @@ def triangle_pairs(draw):
 
 
 def to_pieces(triangles, radius=0.0):
-    return Pieces(np.asarray(triangles, dtype=float), np.full(len(triangles), radius))
+    return RoundedSimplices(np.asarray(triangles, dtype=float), np.full(len(triangles), radius))
 
 
 @kernel
@@ -226,7 +226,7 @@ def test_trees_find_the_smallest_distance():
     body = trimesh.creation.box((0.3, 0.2, 0.1)).triangles
     triangles = rng.uniform(-2, 2, (100, 1, 3)) + rng.normal(0, 0.3, (100, 3, 3))
     radii = rng.choice(np.linspace(0.0, 0.1, 40), 100)
-    every = Pair(to_pieces(body), Pieces(triangles, radii))
+    every = Pair(to_pieces(body), RoundedSimplices(triangles, radii))
     singly = [Pair(to_pieces(body), to_pieces(part[None], r)) for part, r in zip(triangles, radii, strict=True)]
     for seed, q in enumerate(rng.uniform(-2, 2, (20, 3)).tolist()):
         turn = Rotation.random(random_state=seed).as_matrix()
