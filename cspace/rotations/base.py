@@ -236,8 +236,8 @@ class CompiledRotations(Protocol):
         """Return the angle of a shortest arc, and its error; radians.
 
         ``arc``, from 0 to ``arc_count - 1``, selects one of the shortest arcs from ``q0`` to ``q1``. The error bounds
-        the angle between the rotations on the arc and those of a planner that interpolates in its own way: OMPL does
-        not rotate at all between nearly equal quaternions.
+        the angle between the rotations on the arc and those of a planner that interpolates in its own way: OMPL's
+        may jump between nearly equal quaternions.
         """
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:

@@ -558,9 +558,9 @@ class QuaternionCells(NamedTuple):
         """Return the angle of a shortest arc, and its error; radians."""
         # A rotation's angle is twice that of its quaternion.
         a, b, angle = arc_endpoints(q0, q1, arc)
-        # OMPL keeps one rotation between nearly equal quaternions, so it may be off by the whole angle.
-        is_skipped = begin_arc(a, b, False)[7]
-        return 2.0 * angle, 2.0 * angle if is_skipped else 0.0
+        # OMPL's rotation may jump between nearly equal quaternions, so it may be off by the whole angle.
+        may_jump = begin_arc(a, b, False)[7]
+        return 2.0 * angle, 2.0 * angle if may_jump else 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
         """Return the first configuration, rotated along an arc."""
