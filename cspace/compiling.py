@@ -83,9 +83,8 @@ def jit(function: F, **options: Any) -> F:
     _announce_compiling()
     _register_compilable()
     compiled = njit(**{**_OPTIONS, "_nrt": True, **options})(function)  # set, or it would be that of the caller
-    compiled.__class__, compiled._without_wrapper = _dispatcher_class(), set()
     with suppress(RuntimeError):  # numba found no folder that it may write to
-        compiled._cache = _cache_class()(function, compiled)
+        compiled._cache = _cache_class()(function)
     return cast(F, compiled)
 
 
@@ -170,51 +169,6 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[.
     return partial(kernel.get_overload(types), *fixed)
 
 
-@cache
-def _dispatcher_class() -> Any:
-    """Return numba's dispatcher, except that calls from compiled code compile no wrapper for Python.
-
-    Wrappers take an eighth of the time for compiling. The first call from Python compiles the function again.
-    """
-    from numba.core.compiler_lock import global_compiler_lock
-    from numba.core.registry import CPUDispatcher
-    from numba.core.sigutils import normalize_signature
-
-    normalize: Any = normalize_signature
-
-    class Dispatcher(CPUDispatcher):
-        is_callee = False  # the lock guards it
-
-        def get_call_template(self: Any, args: Any, kws: Any) -> Any:
-            before, self.is_callee = self.is_callee, True
-            try:
-                return super().get_call_template(args, kws)
-            finally:
-                self.is_callee = before
-
-        def compile(self: Any, sig: Any) -> Any:
-            with global_compiler_lock:
-                args = tuple(normalize(sig)[0])
-                if not self.is_callee and args in self._without_wrapper:
-                    self._without_wrapper.remove(args)
-                    del self.overloads[args]
-                self._compiler.targetoptions["no_cpython_wrapper"] = self.is_callee
-                return super().compile(sig)
-
-        def add_overload(self: Any, cres: Any) -> None:
-            if not self.is_callee:
-                super().add_overload(cres)
-            else:  # out of reach of calls from Python
-                args = tuple(cres.signature.args)
-                self.overloads[args] = cres
-                self._without_wrapper.add(args)
-
-        def _reduce_class(self) -> Any:
-            return CPUDispatcher  # pickle finds no class in a function
-
-    return Dispatcher
-
-
 # ---- the cache -------------------------------------------------------------------------------------------------------
 
 
@@ -262,16 +216,15 @@ def _cache_class() -> Any:
     class SourceCache(FunctionCache):
         _impl_class = Folders
 
-        def __init__(self, function: Callable[..., Any], dispatcher: Any) -> None:
+        def __init__(self, function: Callable[..., Any]) -> None:
             super().__init__(function)  # type: ignore[no-untyped-call]
-            self._dispatcher = dispatcher
             stamp = digest_sources({function.__module__})
             self._cache_file = CheckedFile(self._cache_path, self._impl.filename_base, stamp)  # type: ignore[no-untyped-call]
 
         def _index_key(self, signature: Any, codegen: Any) -> Any:
             # Methods of records are compiled into the function, from modules that it need not import.
             records = digest_sources(_record_modules(signature))
-            return (*super()._index_key(signature, codegen), records, self._dispatcher.is_callee)  # type: ignore[no-untyped-call]
+            return (*super()._index_key(signature, codegen), records)  # type: ignore[no-untyped-call]
 
         def load_overload(self, signature: Any, target: Any) -> Any:
             # Numba would first import everything that it can compile, which takes longer than loading the cache.

@@ -223,41 +223,6 @@ def test_no_field_of_a_record_has_the_name_of_a_compiled_method() -> None:
     assert not fields & methods
 
 
-# ---- callers ---------------------------------------------------------------------------------------------------------
-
-
-@jit
-def halve(value: float) -> float:
-    return 0.5 * value
-
-
-@jit
-def quarter(value: float) -> float:
-    return halve(halve(value))
-
-
-@pytest.mark.parametrize("cache", ["empty", "filled"])
-def test_only_functions_that_python_calls_have_a_wrapper(cache: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from numba import float64
-
-    first: Any = jit(halve.py_func)  # type: ignore[attr-defined]
-    monkeypatch.setitem(globals(), "halve", first)
-    last: Any = jit(quarter.py_func)  # type: ignore[attr-defined]
-
-    def has_wrapper(function: Any) -> bool:
-        return cache == "filled" or "cpython" in function.inspect_llvm((float64,))  # numba forgets that of cached code
-
-    if cache == "empty":
-        first._cache.flush()
-        last._cache.flush()
-    assert last(3.0) == 0.75
-    assert has_wrapper(last) and (cache == "filled" or not has_wrapper(first))
-    assert first(3.0) == 1.5 and first(5.0) == 2.5
-    assert has_wrapper(first) and len(first.overloads) == 1
-    assert last(3.0) == 0.75 and last(5.0) == 1.25
-    assert sum(last.stats.cache_hits.values()) == (0 if cache == "empty" else 1)
-
-
 # ---- privacy ---------------------------------------------------------------------------------------------------------
 
 
