@@ -229,19 +229,21 @@ def read_moveit_scene(
     folders = package_folders(package_dirs)
     content = read_yaml(path, _SCENE_KIND)
     with decoding(path, _SCENE_KIND):
-        scene = _table(content, "the file")
-        world = _table(scene.get("world", scene), "world")
+        scene = _check_table(content, "the file")
+        world = _check_table(scene.get("world", scene), "world")
         if "collision_objects" not in world:
             rule = "a planning scene lists its obstacles there"
             raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
-        octomap = _table(_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
+        octomap = _check_table(_check_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
         if octomap.get("data"):
             hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
             raise ContentError("holds an OctoMap", "only collision objects are read", hint)
         reader = _Reader(path, plane_ball, folders)
-        objects = reader.objects(_items(world["collision_objects"], "collision_objects"))
+        objects = reader.objects(_check_list(world["collision_objects"], "collision_objects"))
         frames = {frame for frame, _ in objects.values()}
-        to_scene = _frames(_items(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"), frames)
+        to_scene = _find_frame_motions(
+            _check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"), frames
+        )
         shapes = [
             SceneShape(name if len(parts) == 1 else f"{name}/{number}", shape, to_scene[frame] @ pose)
             for name, (frame, parts) in objects.items()
@@ -249,7 +251,7 @@ def read_moveit_scene(
         ]
         if not shapes:
             raise GeometryError(os.fspath(path), "holds no shape", "a scene needs one", "pass another file")
-        if left_out := _robot_parts(scene):
+        if left_out := _list_robot_parts(scene):
             listed = ", ".join(left_out)
             warn_user(f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin=")
         return shapes
@@ -270,7 +272,7 @@ class _Reader:
         """
         objects: dict[str, tuple[str, list[tuple[Shape, Floats]]]] = {}
         for number, item in enumerate(items):
-            entry = _table(item, f"collision_objects[{number}]")
+            entry = _check_table(item, f"collision_objects[{number}]")
             name = str(entry.get("id") or f"object {number}")
             operation = entry.get("operation") or _ADD
             operation = operation.lower() if isinstance(operation, str) else operation
@@ -280,9 +282,9 @@ class _Reader:
             if _OPERATIONS[operation] == _REMOVE:
                 objects.pop(name, None)
                 continue
-            header = _table(entry.get("header"), f"the header of object {name!r}")
+            header = _check_table(entry.get("header"), f"the header of object {name!r}")
             frame = str(header.get("frame_id") or "").lstrip("/")
-            parts = list(self._parts(entry, f"object {name!r}"))
+            parts = list(self._read_shapes(entry, f"object {name!r}"))
             if not parts:
                 rule = "it must have primitives, meshes or planes"
                 raise ContentError(f"has no shape at object {name!r}", rule, "add them, or remove the object")
@@ -294,14 +296,14 @@ class _Reader:
             objects[name] = frame, parts
         return objects
 
-    def _parts(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
+    def _read_shapes(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
         """Yield the shapes of an object, with their poses."""
-        whole = _pose(entry.get("pose"), f"the pose of {place}")
+        whole = _parse_pose(entry.get("pose"), f"the pose of {place}")
         makers: dict[str, Callable[[Any, str, Floats], tuple[Shape, Floats]]]
-        makers = {"primitives": self._primitive, "meshes": self._mesh, "planes": self._plane}
+        makers = {"primitives": self._read_primitive, "meshes": self._read_mesh, "planes": self._read_plane}
         for name, poses_name in _POSE_LISTS.items():
-            items = _items(entry.get(name), f"{name} of {place}")
-            poses = _items(entry.get(poses_name), f"{poses_name} of {place}")
+            items = _check_list(entry.get(name), f"{name} of {place}")
+            poses = _check_list(entry.get(poses_name), f"{poses_name} of {place}")
             if len(poses) != len(items) and (poses or len(items) > 1):
                 problem = f"has {len(items)} {name} but {len(poses)} {poses_name} at {place}"
                 raise ContentError(problem, "each needs a pose", "add or remove some")
@@ -311,12 +313,12 @@ class _Reader:
                     problem = f"holds more than {MAX_SHAPES} shapes"
                     raise ContentError(problem, "the rest is not read", "split the scene")
                 here = f"{name}[{number}] of {place}"
-                pose = _pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
+                pose = _parse_pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
                 yield makers[name](item, here, whole @ pose)
 
-    def _primitive(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+    def _read_primitive(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         """Return a primitive as a shape, with its pose."""
-        table = _table(item, place)
+        table = _check_table(item, place)
         kind = table.get("type")
         kind = kind.lower() if isinstance(kind, str) else kind
         if isinstance(kind, bool) or kind not in _PRIMITIVES:
@@ -324,35 +326,35 @@ class _Reader:
             problem = f"has the type {kind!r} at {place}"
             raise ContentError(problem, f"it must be one of {known}", "write such a primitive")
         name, sizes, make = _PRIMITIVES[kind]
-        given = _items(table.get("dimensions"), f"dimensions of {place}")
-        values = _numbers(given, len(given), f"dimensions of {place}")
+        given = _check_list(table.get("dimensions"), f"dimensions of {place}")
+        values = _parse_numbers(given, len(given), f"dimensions of {place}")
         # Messages often pad dimensions to three numbers with zeros.
         if len(values) < len(sizes) or values[len(sizes) :].any() or not (values[: len(sizes)] > 0.0).all():
             rule = f"a {name} has {', '.join(sizes)}, metres above zero"
             raise ContentError(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
         return make(*values[: len(sizes)].tolist()), pose
 
-    def _mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+    def _read_mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         """Return a mesh as a shape, with its pose."""
-        table = _table(item, place)
+        table = _check_table(item, place)
         if table.get("resource"):
             name = str(table["resource"])
             if name not in self._meshes:
                 self._meshes[name] = read_mesh(locate_meshes({name: place}, self._path, self._folders)[name])
             scale = np.ones(3)
             if table.get("dimensions") is not None:
-                scale = _numbers(table["dimensions"], 3, f"dimensions of {place}")
+                scale = _parse_numbers(table["dimensions"], 3, f"dimensions of {place}")
             if not scale.all():
                 problem = f"has the dimensions {scale.tolist()} at {place}"
                 raise ContentError(problem, "no factor may be zero", "correct them")
             vertices, faces = transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
         else:
-            points = _items(table.get("vertices"), f"vertices of {place}")
+            points = _check_list(table.get("vertices"), f"vertices of {place}")
             corners = [
-                _items(_table(each, place).get("vertex_indices") if isinstance(each, dict) else each, place)
-                for each in _items(table.get("triangles"), f"triangles of {place}")
+                _check_list(_check_table(each, place).get("vertex_indices") if isinstance(each, dict) else each, place)
+                for each in _check_list(table.get("triangles"), f"triangles of {place}")
             ]
-            vertices = np.array([_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
+            vertices = np.array([_parse_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
             if any(
                 len(each) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in each) for each in corners
             ):
@@ -363,12 +365,12 @@ class _Reader:
         check_file_memory(self._path, "holds meshes", self._bytes)
         return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}"), pose
 
-    def _plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+    def _read_plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         """Return a plane as a shape, cut to a ball."""
         if self._plane_ball is None:
             hint = "pass bounds for a workspace, or plane_radius for an arm"
             raise ContentError(f"has a plane, {place}", "a plane has no end, but an obstacle needs one", hint)
-        *normal, offset = _numbers(_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
+        *normal, offset = _parse_numbers(_check_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
         length = float(np.linalg.norm(normal))
         if not length > 0.0:
             problem = f"has the coef {[*normal, offset]} at {place}"
@@ -382,15 +384,16 @@ class _Reader:
         return Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)]), "surface", place), np.eye(4)
 
 
-def _bounded(make: Callable[[float, float], BoundsPair], height: float, radius: float) -> Shape:
+def _make_bounded_shape(make: Callable[[float, float], BoundsPair], height: float, radius: float) -> Shape:
+    """Make a solid of revolution from its outer and inner surface."""
     outer, inner = make(radius, height)
     return BoundedShape(Mesh.of(outer), Mesh.of(inner), is_round_about_z=True)
 
 
 _BOX: Final = "box", ("x", "y", "z"), lambda *sides: Box.of(sides)
 _SPHERE: Final = "sphere", ("radius",), lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius)
-_CYLINDER: Final = "cylinder", ("height", "radius"), partial(_bounded, cylinder_bounds)
-_CONE: Final = "cone", ("height", "radius"), partial(_bounded, cone_bounds)
+_CYLINDER: Final = "cylinder", ("height", "radius"), partial(_make_bounded_shape, cylinder_bounds)
+_CONE: Final = "cone", ("height", "radius"), partial(_make_bounded_shape, cone_bounds)
 
 _PRIMITIVES: Final[Mapping[Any, tuple[str, tuple[str, ...], Callable[..., Shape]]]] = {
     **{kind[0]: kind for kind in (_BOX, _SPHERE, _CYLINDER, _CONE)},
@@ -419,7 +422,7 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     return Mesh(*transform_surface(shape.surface, pose))
 
 
-def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
+def _find_frame_motions(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
     """Return the motion from each frame to the scene's frame.
 
     If all objects share a frame, it is the frame of the scene. Otherwise the transforms must lead to one frame.
@@ -429,11 +432,11 @@ def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
     parents: dict[str, tuple[str, Floats]] = {}
     for number, item in enumerate(transforms):
         place = f"fixed_frame_transforms[{number}]"
-        entry = _table(item, place)
-        header, motion = _table(entry.get("header"), place), _table(entry.get("transform"), place)
+        entry = _check_table(item, place)
+        header, motion = _check_table(entry.get("header"), place), _check_table(entry.get("transform"), place)
         parent = str(header.get("frame_id") or "").lstrip("/")
         given = {"position": motion.get("translation"), "orientation": motion.get("rotation")}
-        parents[str(entry.get("child_frame_id") or "").lstrip("/")] = parent, _pose(given, place)
+        parents[str(entry.get("child_frame_id") or "").lstrip("/")] = parent, _parse_pose(given, place)
     motions: dict[str, Floats] = {}
     roots: set[str] = set()
     for frame in sorted(frames):
@@ -450,29 +453,29 @@ def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
     return motions
 
 
-def _robot_parts(scene: Mapping[str, Any]) -> list[str]:
+def _list_robot_parts(scene: Mapping[str, Any]) -> list[str]:
     """Return the parts of a scene that enlarge the robot, as text."""
-    state = _table(scene.get("robot_state"), "robot_state")
-    attached = _items(state.get("attached_collision_objects"), "attached_collision_objects")
-    names = [str(_table(_table(each, "").get("object"), "").get("id")) for each in attached]
+    state = _check_table(scene.get("robot_state"), "robot_state")
+    attached = _check_list(state.get("attached_collision_objects"), "attached_collision_objects")
+    names = [str(_check_table(_check_table(each, "").get("object"), "").get("id")) for each in attached]
     found = [f"attached objects ({', '.join(names)})"] if names else []
     for key, field, neutral in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
-        if any(_table(each, key).get(field, neutral) != neutral for each in _items(scene.get(key), key)):
+        if any(_check_table(each, key).get(field, neutral) != neutral for each in _check_list(scene.get(key), key)):
             found.append(key)
     return found
 
 
-def _pose(value: Any, place: str) -> Floats:
+def _parse_pose(value: Any, place: str) -> Floats:
     """Parse a pose as a rigid motion, shape (4, 4).
 
     The default is the identity. Like MoveIt, normalise quaternions.
     """
-    table = _table(value, place)
+    table = _check_table(value, place)
     given = table.get("position"), table.get("orientation")
-    position = np.zeros(3) if given[0] is None else _numbers(given[0], 3, f"position of {place}")
+    position = np.zeros(3) if given[0] is None else _parse_numbers(given[0], 3, f"position of {place}")
     quaternion = np.array(_IDENTITY_QUATERNION)
     if given[1] is not None:
-        quaternion = _numbers(given[1], 4, f"orientation of {place}")
+        quaternion = _parse_numbers(given[1], 4, f"orientation of {place}")
     matrix = np.eye(4)
     matrix[:3, 3] = position
     if quaternion[:3].any():
@@ -482,7 +485,7 @@ def _pose(value: Any, place: str) -> Floats:
     return matrix
 
 
-def _table(value: Any, place: str) -> Mapping[str, Any]:
+def _check_table(value: Any, place: str) -> Mapping[str, Any]:
     """Return a table, empty for None."""
     if value is not None and not isinstance(value, dict):
         problem = f"has {str(value)[:40]!r} as {place}"
@@ -490,14 +493,14 @@ def _table(value: Any, place: str) -> Mapping[str, Any]:
     return value or {}
 
 
-def _items(value: Any, place: str) -> Sequence[Any]:
+def _check_list(value: Any, place: str) -> Sequence[Any]:
     """Return a list, empty for None."""
     if value is not None and not isinstance(value, list):
         raise ContentError(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
     return value or []
 
 
-def _numbers(value: Any, count: int, place: str) -> Floats:
+def _parse_numbers(value: Any, count: int, place: str) -> Floats:
     """Parse numbers, shape (count,), from a list or table.
 
     A table holds x, y, z and w.
