@@ -58,8 +58,11 @@ def compare(report: Report, name: str, space: CSpace, number: int, seed: int) ->
         report.mark(method=drive)
         report.check(all(plan.certified == plan.solved for plan in plans), f"{drive}: every path found is certified")
         report.check(solved.sum() >= joined.sum(), f"{drive}: solves at least as many as the lattice")
-        report.figure("  median CPU time", timing.median_cpu, "s", most=MAX_MEDIAN_SECONDS)
-        report.figure("  largest CPU time", max(timing.cpu), "s", most=MAX_SECONDS)
+        seconds = np.array(timing.cpu)[joined]  # others take the time limit, because OMPL's planner has no proof
+        if len(seconds):
+            median, largest = float(np.median(seconds)), float(seconds.max())
+            report.figure("  median CPU time of queries that the lattice joins", median, "s", most=MAX_MEDIAN_SECONDS)
+            report.figure("  largest CPU time of queries that the lattice joins", largest, "s", most=MAX_SECONDS)
         if drive == "differential":
             report.check(bool(solved[joined].all()), f"{drive}: solves every query that the lattice joins")
             _check_lengths(report, plans, lengths)

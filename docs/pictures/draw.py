@@ -375,7 +375,7 @@ def draw_lengths() -> Figure:
     for row in json.loads(LENGTHS.read_text())["rows"]:
         if "ratios" in row:
             cases.setdefault(row["case"], []).append(row)
-    figure, axes = plt.subplots(2, 2, figsize=(11.0, 7.6), sharex=True, sharey=True)
+    figure, axes = plt.subplots(2, 2, figsize=(11.0, 9.6), sharex=True, sharey=True)
     figure.subplots_adjust(left=0.17, right=0.91, wspace=0.32, hspace=0.16)
     for ax, (case, methods) in zip(axes.flat, cases.items(), strict=True):
         for place, row in enumerate(methods):
