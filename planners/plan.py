@@ -69,6 +69,9 @@ NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 
 CLEARANCE: Final = "clearance"
 
+NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
+"""What planners with threads must not do: it would wait for the first thread for ever."""
+
 _OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     CLEARANCE: ClearanceObjective,
     "overlap": OverlapObjective,
@@ -189,7 +192,7 @@ def plan(
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
         also be a :class:`cspace.PoseGoal`, or a choice of goals: several configurations, shape (n, size), or a list
         with pose goals. Goals that are not proven free are dropped, and the path ends at one of the others,
-        :attr:`Plan.goal`.
+        :attr:`Plan.goal`. PRM and PRMstar take one configuration.
     planner : str, optional
         Name of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search, in upper or lower case. The
         default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
@@ -361,6 +364,9 @@ def _check_arguments(
     limit = check_positive(time_limit, "time_limit", "seconds")
     checked = edges.check_endpoint(start, "start")
     goals, given_goals = zip(*edges.find_goals(goal, checked, search.seed), strict=True)
+    if len(goals) > 1 and name in THREADED_PLANNERS:
+        problem, rule = f"has {len(goals)} configurations and planner is {name!r}", f"{name} {NO_SECOND_THREAD}"
+        raise InputError("goal", problem, rule, "pass one configuration or choose another planner", value=goal)
     task = _Task(edges, (checked, *goals), given_goals, search, objective, limit, planner is not None)
     if name in BUILT_IN_SEARCHES:
         _check_built_in_search(task)
@@ -404,7 +410,7 @@ def _check_iterations(value: int | None, planner: str) -> int | None:
         return None
     count = check_count(value, "iterations", 1, 2**62)
     if planner in THREADED_PLANNERS:
-        problem, rule = f"is {count} and planner is {planner!r}", f"{planner} cannot call Python from its second thread"
+        problem, rule = f"is {count} and planner is {planner!r}", f"{planner} {NO_SECOND_THREAD}"
         raise InputError("iterations", problem, rule, "leave iterations out or choose another planner", value=count)
     return count
 
@@ -428,7 +434,7 @@ def _make_objective(
         overlap_field(cells)
     if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
         without = planner in PLANNERS_WITHOUT_OBJECTIVE
-        rule = f"{planner} {'ignores objectives' if without else 'cannot call Python from its second thread'}"
+        rule = f"{planner} {'ignores objectives' if without else NO_SECOND_THREAD}"
         problem, hint = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
         raise InputError("objective", problem, rule, hint, value=objective)
     if kind is None or cells is None:

@@ -96,7 +96,7 @@ def test_a_pose_whose_configurations_all_collide_is_refused_with_what_touches(tm
         planners.plan(space, START, point_goal(1, 1))
 
 
-@pytest.mark.parametrize("planner", ["BiRRT", "RRTConnect", "RRT", "PRM", "RRTstar"])
+@pytest.mark.parametrize("planner", ["BiRRT", "RRTConnect", "RRT", "RRTstar"])
 def test_a_plan_ends_at_one_of_several_goals(tmp_path: Path, planner: str) -> None:
     space = space_with_tip(tmp_path, post=post())
     configurations = [(2.9, 2.9), (0.37, 0.0), GOAL]  # a far one, one in collision, and one behind the post
@@ -111,6 +111,14 @@ def test_a_plan_ends_at_one_of_several_goals(tmp_path: Path, planner: str) -> No
         at_pose = np.linalg.norm(space.arm.pose(plan.goal, "tip")[:3, 3] - space.arm.pose(GOAL, "tip")[:3, 3]) < 1e-3
         assert at_pose or tuple(plan.goal) == (2.9, 2.9)
         assert tuple(plan.start) == START
+
+
+@pytest.mark.parametrize("planner", ["PRM", "PRMstar"])
+def test_planners_with_a_second_thread_take_one_goal(tmp_path: Path, planner: str) -> None:
+    space = space_with_tip(tmp_path)
+    with pytest.raises(InputError, match=f"goal has 2 configurations and planner is '{planner}'.*second thread"):
+        planners.plan(space, START, [(2.9, 2.9), GOAL], planner=planner)
+    assert planners.plan(space, START, [GOAL], planner=planner, time_limit=5.0).certified
 
 
 def test_a_plan_prefers_the_nearest_goal(tmp_path: Path) -> None:
