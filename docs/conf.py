@@ -178,14 +178,14 @@ def full_name(name: str, before: str) -> str:
         found = [c for c in (whole, *candidates) if "." in c and find(c) is not None]
     if not found:
         raise ValueError(
-            f"docs/reference/features.md: {name!r} is no public name; correct it, or add its owner to docs/conf.py"
+            f"docs/reference/features*.md: {name!r} is no public name; correct it, or add its owner to docs/conf.py"
         )
     return found[0]
 
 
 def link_features(app: Any, page: str, source: list[str]) -> None:
-    """Link each name in the first column of the features table to its place in the API."""
-    if page != "reference/features":
+    """Link each name in the first column of the features tables to its place in the API."""
+    if page not in ("reference/features", "reference/features_planning"):
         return
     lines = source[0].splitlines()
     for i, line in enumerate(lines):

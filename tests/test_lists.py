@@ -154,8 +154,9 @@ def conf() -> dict[str, Any]:
 
 
 def features() -> list[list[str]]:
-    """Return the names in each row of the features table, except commands."""
-    cells = (row[0] for row in read_tables("reference/features.md"))
+    """Return the names in each row of the features tables, except commands."""
+    pages = "reference/features.md", "reference/features_planning.md"
+    cells = [row[0] for page in pages for row in read_tables(page)]
     return [find_quoted(cell) for cell in cells if cell.startswith("`") and not cell.startswith("`cspace ")]
 
 
