@@ -728,9 +728,9 @@ class StraightEdges(EdgesOnMap):
         return np.concatenate([rows, path[-1:]]), None
 
     def _count_pieces(self, path: Floats, step: float, rotation: float) -> tuple[Floats, Floats, Floats, Ints]:
-        """Return the pieces of each edge.
+        """Measure edges, and count the pieces that each is split into.
 
-        The results are its displacement, its metres and radians, and the number of pieces.
+        Returns the displacement of each edge, its metres, its radians, and the number of its pieces.
         """
         steps, metres, radians = self._displacements(path[:-1], path[1:])
         counts = np.maximum(np.ceil(np.maximum(metres / step, radians / rotation)), 1.0).astype(np.int64)
@@ -756,9 +756,9 @@ class TurnDriveTurn(StraightEdges):
     follows_cells = False
 
     def make_states(self) -> ob.StateSpace:
-        """Create OMPL's state space of almost sharp turns.
+        """Create OMPL's state space for a robot that turns on the spot.
 
-        Its curves turn almost on the spot. It has no bounds.
+        Its curves have a tiny turning radius. It has no bounds.
         """
         return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * self.space.grid.spacing * max(self.space.grid.shape))
 
@@ -789,9 +789,9 @@ class TurnDriveTurn(StraightEdges):
         return total
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the lengths of edges, with turns.
+        """Return the lengths of edges, shape (n,).
 
-        A length is its metres plus half the radians of the turns, shape (n,).
+        A length is the metres of an edge plus half the radians of its turns.
         """
         offsets = ends[:, :2] - starts[:, :2]
         ahead, stays = np.arctan2(offsets[:, 1], offsets[:, 0]), (offsets == 0.0).all(axis=1)
@@ -801,9 +801,9 @@ class TurnDriveTurn(StraightEdges):
         return np.asarray(np.linalg.norm(offsets, axis=1) + self.rotation_weight * least)
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-        """Return the yaw at which the robot drives.
+        """Return the yaw at which the robot drives along an edge.
 
-        It drives along an edge; the yaw is ``yaw0`` if it only turns.
+        It is ``yaw0`` if the robot only turns.
         """
         if x0 == x1 and y0 == y1:
             return yaw0
@@ -987,7 +987,7 @@ class JointMotions(LocalPlanner):
     def find_goals(
         self, goal: GoalLike, start: Configuration, seed: int | None
     ) -> list[tuple[Configuration, ArrayLike]]:
-        """Return the goals that a path may end at: those of several that are proven free, also at poses."""
+        """Return the goals that are proven free, the nearest first; poses give several each."""
         alternatives = _list_alternatives(goal)
         goals, errors = list[tuple[Configuration, ArrayLike]](), list[ConfigurationError]()
         for number, each in enumerate(alternatives):

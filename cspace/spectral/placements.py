@@ -66,9 +66,9 @@ PAIRS_PER_BATCH: Final = 2**20
 
 
 class Placements(NamedTuple):
-    """Placements of a ball set A, best first.
+    """Placements of a ball set A and their scores, best first.
 
-    They have scores. A point p of A lies at ``rotations[k] @ p + translations[k]``.
+    A point p of A lies at ``rotations[k] @ p + translations[k]``.
 
     Attributes
     ----------
@@ -116,9 +116,9 @@ def best_placements(
     band: float | None = None,
     tolerance: float = 0.01,
 ) -> Placements:
-    """Find the placements of A with the best scores.
+    """Find the placements of A with the best scores, over a grid of rotations.
 
-    They are searched over a grid of rotations. The score is the overlap of A with B, minus ``penalty`` times its
+    The score is the overlap of A with B, minus ``penalty`` times its
     overlap with ``avoid``; overlaps as in :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores
     at all translations of a lattice, the rotational search of docking (Chen and Weng, 2002; Kozakov and others, 2006).
     The highest peaks then climb along the gradient with respect to translation and rotation. A peak narrower than the
@@ -232,9 +232,9 @@ class _Poses(NamedTuple):
 
 
 class _Score:
-    """Score of A at any pose.
+    """Score of A at any pose: its overlap with weighted balls.
 
-    It is the overlap with weighted balls. With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with
+    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with
     spectrum ``F_B g``, the score is the sum of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no
     spectrum of A: it takes cubic splines of G.
     """
@@ -316,9 +316,9 @@ class _Score:
         return [field.reshape(*field.shape, *[1] * (3 - self.dim)) for field in fields]
 
     def climb(self, poses: _Poses, turn: bool) -> _Poses:
-        """Move poses along the gradient to near maxima.
+        """Move poses along the gradient to near maxima, by BFGS.
 
-        BFGS has its steps in metres, along the axes and of arc.
+        Steps are in metres: along the axes, and for rotations the arc at the radius of gyration.
         """
         poses, slopes = self._scored(poses, turn)
         spacing = float((self.lengths / self.lattice.counts).min())
@@ -359,9 +359,9 @@ class _Score:
         return poses._replace(centers=poses.centers + steps[:, : self.dim], rotations=rotations)
 
     def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
-        """Score poses, and compute the derivatives.
+        """Score poses, and compute the derivatives of scores.
 
-        These are along steps; see :meth:`_moved`.
+        The derivatives are with respect to the steps of :meth:`_moved`, shape (n, 2), (n, 3) or (n, 6).
         """
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
         cells = np.array(self.shape) / self.lengths
@@ -416,6 +416,7 @@ def add_slopes(
     for n in range(len(places)):
         for member in range(len(members)):
             k = members[member]
+            # Weights of the four nearest coefficients along each axis, and derivatives of these weights.
             for axis in range(3):
                 u = places[n, k, axis] - math.floor(places[n, k, axis])
                 v = 1.0 - u
@@ -424,6 +425,7 @@ def add_slopes(
                 weight[1], weight[2] = 2.0 / 3.0 - u * u * (1.0 - u / 2.0), 2.0 / 3.0 - v * v * (1.0 - v / 2.0)
                 slope[0], slope[3] = -v * v / 2.0, u * u / 2.0
                 slope[1], slope[2] = u * (1.5 * u - 2.0), v * (2.0 - 1.5 * v)
+            # The spline is periodic, so indices wrap around.
             for i in range(4):
                 x = (math.floor(places[n, k, 0]) + i - 1) % spline.shape[0]
                 for j in range(4):
@@ -438,9 +440,10 @@ def add_slopes(
 
 
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
-    """Update inverse Hessians after steps (BFGS).
+    """Update negated inverse Hessians after steps, by BFGS.
 
-    They have shape (n, k, k), and are negated. The steps changed the negated slopes.
+    Hessians have shape (n, k, k), ``steps`` (n, k). ``changes``, shape (n, k), are the slopes before the steps minus
+    the slopes after them.
     """
     products = (steps * changes).sum(axis=1)
     usable = products > 1e-10 * np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
