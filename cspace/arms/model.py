@@ -718,6 +718,8 @@ class _Assembly:
                 rule = f"that joint is not below the base {base!r}"
             elif joints[joint.leader].leader != joint.leader:
                 rule = "that joint mimics another one itself"
+            elif joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(joints[joint.leader].upper):
+                rule = "that joint is continuous, so a prismatic joint would slide without end"
             else:
                 continue
             argument, problem = f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}"
@@ -725,6 +727,10 @@ class _Assembly:
         if not self._moving:
             problem, rule = "has no joint that moves there", "an arm has at least one"
             raise InputError(file, problem, rule, "name another base, tip or joints")
+
+    def _is_moved(self, joint: Joint) -> bool:
+        """Return True if configurations move a joint: it or its leader moves, and not by a factor of zero."""
+        return joint.kind != FIXED and joint.leader in self._moving and joint.factor != 0.0
 
     def hold(self, values: Mapping[str, float]) -> None:
         """Hold joints that do not move at values; raise InputError if one moves, or beyond its limits."""
@@ -750,7 +756,7 @@ class _Assembly:
         for joint in self._order:
             body, pose = bodies[joint.parent]
             frame = pose @ joint.frame
-            if joint.leader in self._moving and joint.kind != FIXED:
+            if self._is_moved(joint):
                 bodies[joint.child] = (len(rows), np.eye(4))
                 rows.append((body, frame, joint))
             else:

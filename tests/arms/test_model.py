@@ -342,6 +342,17 @@ def write_chain(folder: Path, leader: str) -> Path:
     return write_urdf(folder, *links, *(joint(name, a, b, extra=mimic) for name, a, b, mimic in joints))
 
 
+def write_rack(folder: Path, factor: float) -> Path:
+    """Write a pinion that turns without end, and a rack that slides by ``factor`` metres for each radian of it."""
+    mimic = f'<mimic joint="pinion" multiplier="{factor}" offset="0.3"/>'
+    return write_urdf(
+        folder,
+        *(link(name, BAR) for name in "abc"),
+        joint("pinion", "a", "b", at=(0, 0, 1), kind="continuous", limits=None),
+        joint("rack", "a", "c", axis=(1, 0, 0), kind="prismatic", limits=(-1, 1), extra=mimic),
+    )
+
+
 def write_arm_with_mesh(folder: Path) -> Path:
     mesh = '<collision><geometry><mesh filename="package://arm/meshes/lost.stl"/></geometry></collision>'
     return write_urdf(folder, link("a", BAR), link("b", extra=mesh), joint("one", "a", "b"))
@@ -373,6 +384,12 @@ def write_arm_with_mesh(folder: Path) -> Path:
     (write_chain, {"leader": "lost"}, InputError, "joint 'two' mimics 'lost'; .* no such joint; it has one, two"),
     (write_chain, {"leader": "one", "base": "b"}, InputError, "mimics 'one'; that joint is not below the base 'b'"),
     (write_chain, {"leader": "three"}, InputError, "mimics 'three'; that joint mimics another one itself"),
+    (
+        write_rack,
+        {"factor": 0.01},
+        InputError,
+        "joint 'rack' mimics 'pinion'; that joint is continuous, so a prismatic joint would slide without end",
+    ),
     (write_arm_with_mesh, {}, FileError, "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"),
     (
         lambda folder: write_urdf(folder, link("a"), link("b"), joint("one", "a", "b")),
@@ -388,6 +405,19 @@ def test_from_urdf_refuses_invalid_files_and_links(
     path = write(tmp_path, **{name: value for name, value in options.items() if name not in ends})
     with pytest.raises(error, match=message):
         Arm.from_urdf(path, **ends)
+
+
+def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None:
+    """A factor of zero, or a pinion that is held, leaves the rack where it is."""
+    still = Arm.from_urdf(write_rack(tmp_path, 0.0))
+    space = build_arm_space({"box": posed_box((0.2, 0.2, 0.2), 0.8, 0.5, 1.0)}, still)
+    assert still._whole_turns.all() and np.isfinite(still.chain.lengths).all()
+    assert space.is_free((0.0,)) and not space.is_free((0.5,))
+    np.testing.assert_allclose(still.pose((7.0,), "c")[:3, 3], (0.3, 0, 0))
+    path = write_rack(tmp_path, 0.01)
+    path.write_text(path.read_text().replace("</robot>", link("d", BAR) + joint("arm", "a", "d") + "</robot>"))
+    held = Arm.from_urdf(path, joints=["arm"], held_joints={"pinion": 20.0})
+    np.testing.assert_allclose(held.pose((0.0,), "c")[:3, 3], (0.5, 0, 0))
 
 
 def test_joint_may_mimic_a_later_one(tmp_path: Path) -> None:
