@@ -96,17 +96,19 @@ class SpaceView:
         """Show the space on a page in the browser, and plan there.
 
         Needs ``pip install "cspace[view]"``. The page shows the obstacles, the robot, and the border of a map's
-        C-obstacle or the closest pair of an arm. On it one sets start and goal, plans and plays paths, and reads what
-        is proven. It is served on this machine alone, unless ``host`` says otherwise.
+        C-obstacle or the closest pair of an arm. On it one sets start and goal, or drags an arm's tool to a pose, plans
+        and plays paths, and reads what is proven. It is served on this machine alone, unless ``host`` says otherwise.
 
         Parameters
         ----------
         block : bool
             Print the address and wait for Ctrl-C. Otherwise :meth:`cspace.view.Viewer.close` ends the page.
         path : array-like, shape (n, size), or Plan, optional
-            A path to show.
+            A path to show. Trajectories, and plans of arms, are played at true speed.
         start, goal : array-like, shape (size,), optional
             Initial start and goal; by default the endpoints of the path, or FREE configurations far apart.
+        frame : str, optional
+            Frame of an arm that users drag to a pose; by default the last one beyond most joints, such as ``"tool0"``.
         host : str
             Address to serve on, by default "127.0.0.1". Whoever can reach it can plan on the page and move it.
         port : int, optional
@@ -120,7 +122,8 @@ class SpaceView:
         Raises
         ------
         InputError
-            If the path or a configuration has the wrong shape, the port is taken, or this machine lacks the address.
+            If the path or a configuration has the wrong shape, no joint moves the frame, the port is taken, or this
+            machine lacks the address.
         MissingPackageError
             If viser is not installed.
         """

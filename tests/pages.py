@@ -1,6 +1,11 @@
 """Scene nodes of pages, and messages of browsers."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cspace.view import Viewer
 
@@ -13,3 +18,43 @@ def node(viewer: Viewer, name: str) -> Any:
 def setting(control: Any, value: float) -> dict[str, Any]:
     """Return the browser's message that sets a control."""
     return {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": {"value": value}}
+
+
+def camera() -> dict[str, Any]:
+    """Return the first message of a browser."""
+    sent: dict[str, Any] = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
+    sent |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {"wxyz": (1.0, 0.0, 0.0, 0.0)}
+    return {"type": "ViewerCameraMessage", **sent}
+
+
+def drag(name: str, poses: Any) -> list[dict[str, Any]]:
+    """Return the messages of a browser whose user drags a gizmo through poses, shape (n, 4, 4), and releases it."""
+    updates = [
+        {
+            "type": "TransformControlsUpdateMessage",
+            "wxyz": Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True).tolist(),
+            "position": pose[:3, 3].tolist(),
+        }
+        for pose in np.asarray(poses)
+    ]
+    ends = [{"type": f"TransformControlsDrag{phase}Message"} for phase in ("Start", "End")]
+    return [message | {"name": name} for message in (ends[0], *updates, ends[1])]
+
+
+@contextmanager
+def connected(viewer: Viewer) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """Connect to a page as a browser does; give the function that sends its messages."""
+    import msgspec
+    import viser
+    from websockets.sync.client import connect
+
+    with connect(
+        viewer.url.replace("http", "ws"),
+        subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+    ) as client:
+
+        def send(message: dict[str, Any]) -> None:
+            client.send(msgspec.msgpack.encode(message))
+
+        send(camera())
+        yield send

@@ -1,4 +1,4 @@
-"""The canvas of an arm: links, obstacles, path, and the closest pair."""
+"""The canvas of an arm: links, obstacles, tool frame, path, and the closest pair."""
 
 from __future__ import annotations
 
@@ -11,11 +11,21 @@ from scipy.spatial.transform import Rotation
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
-from cspace.plot.arms import VIEW_MARGIN_SHARE, ArmFigure, interpolate_joints
+from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, VIEW_MARGIN_SHARE, ArmFigure, interpolate_joints
 from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
 from cspace.rotations.base import TWO_PI, wrapped
-from cspace.view.canvas import MARKS, Canvas, Dial, farthest_pair, sample_free_configurations, state_text, to_linear_rgb
+from cspace.view.canvas import (
+    MARKS,
+    STATES,
+    Canvas,
+    Dial,
+    farthest_pair,
+    sample_free_configurations,
+    state_text,
+    to_linear_rgb,
+)
 from cspace.view.scene import KINDS, rgb
+from cspace.view.tool import ToolFrame
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -24,8 +34,14 @@ STATE_COLORS: Final = {FREE: ROBOT_FILL_COLOR, MIXED: CLASSES[UNDECIDED][1], BLO
 """Colour of the arm, by state."""
 CONTACT_COLOR: Final = "#262626"
 """Colour of the line between the closest pair."""
+UNREACHED_COLOR: Final = "#cc3311"
+"""Colour of the line from the tool frame to a pose that it does not reach."""
 MARK_OPACITY: Final = 0.35
 """Opacity of the arms at start and goal."""
+GHOST_OPACITY: Final = 0.2
+"""Opacity of the arms along a path."""
+TOOL_SIZE_SHARE: Final = 0.2
+"""Length of the axes of the tool frame, as a share of the longest side of the box around the arm."""
 _STEP_DEGREES: Final = 0.1
 """Step of the slider of a revolute joint, degrees."""
 _STEP_METRES: Final = 1e-3
@@ -42,18 +58,31 @@ class ArmCanvas(Canvas):
         A path; n is 0 without a path.
     marks : dict of str to ndarray of float64, shape (size,)
         Start and goal, if given.
+    frame : str, optional
+        Tool frame; see :class:`ToolFrame`.
+
+    Attributes
+    ----------
+    tool : ToolFrame
     """
+
+    tool: ToolFrame
 
     has_cells = False
     distance_name = "obstacle distance"
 
-    def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
+    def __init__(
+        self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats], frame: str | None = None
+    ) -> None:
         given = {name: space._check_configurations(q, name) for name, q in marks.items()}
         samples = sample_free_configurations(space, np.zeros(space.size).clip(space.arm.lower, space.arm.upper))
         super().__init__(server, space, farthest_pair(samples, samples) | given)
         space._check_configurations(points, "path")
         arm = space.arm
         self._figure = ArmFigure(space)
+        self.joint_units = " or ".join(dict.fromkeys(arm.units))
+        limits = zip(arm.joints, arm.max_velocity.tolist(), strict=True)
+        self.unlimited = tuple(joint for joint, limit in limits if math.isinf(limit))
         self.title = arm.name
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
         self.about = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
@@ -77,7 +106,8 @@ class ArmCanvas(Canvas):
         self.typed = []
         self.legend = [(ROBOT_FILL_COLOR, "arm, FREE"), (STATE_COLORS[MIXED], "arm, undecided (MIXED)")]
         self.legend += [(STATE_COLORS[BLOCKED], "arm, BLOCKED"), (KINDS["obstacles"].color, "obstacle")]
-        self.legend += [(CONTACT_COLOR, "closest pair")]
+        self.legend += [(GHOST_COLOR, "arm along the path"), (CONTACT_COLOR, "closest pair")]
+        self.legend += [(UNREACHED_COLOR, "from the tool frame to a pose out of reach")]
         for name, surface in self._figure.obstacles.items():
             self._add_mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
         self._links = {"robot": self._add_links("robot", self._figure.links, ROBOT_FILL_COLOR, 1.0)}
@@ -85,7 +115,11 @@ class ArmCanvas(Canvas):
             name: self._add_links(name, self._figure.moving, color, MARK_OPACITY) for name, color in MARKS.items()
         }
         self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
-        self._frame_scene()
+        self._ghosts: list[Any] = []
+        self._shows_ghosts = self._shows_marks = True
+        self._marks: dict[str, Floats] = {}
+        self.robot = self.endpoints["start"]
+        self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
 
     # ---- configurations ----------------------------------------------------------------------------------------------
 
@@ -119,15 +153,14 @@ class ArmCanvas(Canvas):
             contact = self._space.closest(q)
         except InputError:  # the arm has no obstacle and no pair of links to check
             return state_text(state, math.inf, self.unit, self.distance_name)
-        self._server.scene.add_line_segments(
-            "/contact",
-            contact.points[np.newaxis],
-            np.broadcast_to(to_linear_rgb(np.array(rgb(CONTACT_COLOR), dtype=np.uint8)), (1, 2, 3)),
-            thickness=4.0,
-            thickness_units="screen",
+        self._draw_line("/contact", contact.points, CONTACT_COLOR)
+        pair, apart = f"{contact.link} and {contact.other}", f"{contact.distance:.3f} m"
+        label = apart if contact.distance else pair
+        self._server.scene.add_label(
+            "/contact/label", label, position=contact.points.mean(axis=0), anchor="bottom-left"
         )
-        text = state_text(state, contact.distance, self.unit, self.distance_name)
-        return f"{text}  \nclosest pair: {contact.link} and {contact.other}"
+        proven = f", at least {apart} apart: proven" if contact.distance else ""
+        return f"{STATES[state]}  \nclosest pair: {pair}{proven}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether the straight motion is proven free."""
@@ -137,32 +170,106 @@ class ArmCanvas(Canvas):
     # ---- drawing -----------------------------------------------------------------------------------------------------
 
     def place(self, q: Floats) -> None:
-        """Move the arm."""
+        """Move the arm, and its tool frame with it."""
+        self._stand(q)
+        self.tool.follow(q)
+
+    def reach(self) -> str:
+        """Move the arm to the pose to which users dragged its tool frame, or as near as possible.
+
+        Return the reason why it does not reach it; empty if it does.
+        """
+        q, problem = self.tool.solve(np.clip(self.robot, self._space.arm.lower, self._space.arm.upper))
+        self._stand(q)
+        if problem:
+            ends = np.stack([self._space.arm.pose(q, self.tool.name)[:3, 3], self.tool.pose[:3, 3]])
+            self._draw_line("/gap", ends, UNREACHED_COLOR)
+        return problem
+
+    def _stand(self, q: Floats) -> None:
+        """Move the arm without its tool frame."""
         self.robot = q
         self._pose_arm("robot", q)
+        self._show_marks()
+        self._server.scene.remove_by_name("/gap")
 
     def mark(self, name: str, q: Floats) -> None:
         """Move the start or the goal."""
+        self._marks[name] = q
         self._pose_arm(name, q)
+        self._show_marks()
         self._labels[name].position = self._figure.tip_positions(q[np.newaxis])[0]
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add a box that shows or hides start and goal."""
-        checkbox = gui.add_checkbox("start and goal", True)
+        """Add boxes that show or hide the arms at start and goal, and those along the path."""
+        marks, ghosts = gui.add_checkbox("start and goal", True), gui.add_checkbox("arms along the path", True)
 
-        def set_visible(event: Any) -> None:
-            for name in MARKS:
-                for link in (*self._links[name].values(), self._labels[name]):
-                    link.visible = event.target.value
+        def show_marks(event: Any) -> None:
+            self._shows_marks = event.target.value
+            self._show_marks()
 
-        checkbox.on_update(set_visible)
-        return {"start and goal": checkbox}
+        def show_ghosts(event: Any) -> None:
+            self._shows_ghosts = event.target.value
+            for link in self._ghosts:
+                link.visible = event.target.value
+
+        marks.on_update(show_marks)
+        ghosts.on_update(show_ghosts)
+        return {"start and goal": marks, "arms along the path": ghosts}
+
+    def draw_path(self, points: Floats) -> float:
+        """Draw the path of the tool frame, and pale arms along it; see :meth:`Canvas.draw_path`."""
+        for link in self._ghosts:
+            link.remove()
+        self._ghosts = []
+        if len(points) > 1:
+            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)[1:-1]  # start and goal have arms already
+            poses = self._space.arm.poses(self.interpolate(points, shares))
+            self._ghosts = [self._add_ghosts(link, poses[link]) for link in self._figure.moving]
+        return super().draw_path(points)
 
     def _path_positions(self, q: Floats) -> Floats:
-        return self._figure.tip_positions(q)
+        return np.asarray(self._space.arm.pose(q, self.tool.name)[..., :3, 3])
+
+    def _add_ghosts(self, link: str, poses: Floats) -> Any:
+        """Add copies of a link at poses, shape (n, 4, 4)."""
+        vertices, faces = self._figure.links[link]
+        self.bytes += vertices.nbytes + faces.nbytes
+        return self._server.scene.add_batched_meshes_simple(
+            f"/ghosts/{link}",
+            vertices,
+            faces,
+            Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True),
+            poses[:, :3, 3],
+            batched_colors=rgb(ROBOT_FILL_COLOR),
+            opacity=GHOST_OPACITY,
+            flat_shading=True,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=self._shows_ghosts,
+        )
+
+    def _draw_line(self, name: str, ends: Floats, color: str) -> None:
+        """Draw a line between two points, shape (2, 3)."""
+        self._server.scene.add_line_segments(
+            name,
+            ends[np.newaxis],
+            np.broadcast_to(to_linear_rgb(np.array(rgb(color), dtype=np.uint8)), (1, 2, 3)),
+            thickness=4.0,
+            thickness_units="screen",
+        )
 
     def _add_links(self, name: str, links: Iterable[str], color: str, opacity: float) -> dict[str, Any]:
         return {link: self._add_mesh(f"/{name}/{link}", self._figure.links[link], color, opacity) for link in links}
+
+    def _show_marks(self) -> None:
+        """Show the arms at start and goal, except where the robot is, whose colour they would change."""
+        for name, q in self._marks.items():
+            self._labels[name].visible = self._shows_marks
+            apart = not np.allclose(q, self.robot, atol=1e-3)
+            for link in self._links[name].values():
+                link.visible = self._shows_marks and apart
 
     def _pose_arm(self, name: str, q: Floats) -> None:
         """Move the links of an arm to a configuration."""
@@ -172,8 +279,11 @@ class ArmCanvas(Canvas):
                 handle.position = poses[link][:3, 3]
                 handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(scalar_first=True)
 
-    def _frame_scene(self) -> None:
-        """Place the camera in front of the arm and its obstacles."""
+    def _frame_scene(self) -> float:
+        """Place the camera in front of the arm and its obstacles.
+
+        Return the longest side of the box around the arm, metres.
+        """
         arms = [points for q in self.endpoints.values() for points, _ in self._figure.pose_links(q).values()]
         lower, upper = np.min([points.min(axis=0) for points in arms], 0), np.max([p.max(axis=0) for p in arms], 0)
         azimuth, margin = self._figure.camera_azimuth(lower, upper), VIEW_MARGIN_SHARE * float(np.max(upper - lower))
@@ -181,3 +291,4 @@ class ArmCanvas(Canvas):
         clipped = (points.clip(lower - margin, upper + margin) for points, _ in obstacles)
         near = np.concatenate([[lower, upper], *clipped])
         self._place_camera(near.min(axis=0), near.max(axis=0), np.array([math.cos(azimuth), math.sin(azimuth), 0.6]))
+        return float(np.max(upper - lower))

@@ -19,6 +19,8 @@ from cspace.view.scene import path_colors, rgb
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
+    from cspace.view.tool import ToolFrame
+
 MARKS: Final = {"start": "#ffffff", "goal": GOAL_COLOR}
 """Colours of the marked configurations."""
 PATH_POINTS: Final = 400
@@ -83,6 +85,12 @@ class Canvas(ABC):
         True for maps, whose MIXED cells an exact check may decide.
     is_quick : bool
         True if :meth:`prove` is fast enough to run unasked.
+    tool : ToolFrame or None
+        Frame of an arm that users drag to a pose.
+    joint_units : str
+        Units of an arm's joints.
+    unlimited : tuple of str
+        Joints for which the URDF has no limit of velocity.
     bytes : int
         Size of the arrays sent so far to each client.
     """
@@ -97,6 +105,9 @@ class Canvas(ABC):
     legend: list[tuple[str, str]]
     has_cells = True
     is_quick = True
+    tool: ToolFrame | None = None
+    joint_units = ""
+    unlimited: tuple[str, ...] = ()
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
         self._server, self._space, self.endpoints = server, space, endpoints
@@ -151,6 +162,10 @@ class Canvas(ABC):
     @abstractmethod
     def place(self, q: Floats) -> None:
         """Move the robot."""
+
+    def reach(self) -> str:
+        """Move an arm to the pose of its :attr:`tool`; return the reason if it does not reach it."""
+        return ""
 
     @abstractmethod
     def mark(self, name: str, q: Floats) -> None:

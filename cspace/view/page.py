@@ -1,4 +1,4 @@
-"""A page: its panel of inputs and messages, and its actions: move the robot, plan, play and prove."""
+"""A page: its panel of inputs and messages, and its actions: move the robot, drag a tool, plan, play and prove."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.errors import CspaceError, MissingPackageError
+from cspace.errors import CspaceError, InputError, MissingPackageError
 from cspace.view.canvas import MARKS, Canvas
 from cspace.view.scene import HIGH_COLOR, LOW_COLOR
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
+    from cspace.arms.inverse import PoseGoal
+    from cspace.view.tool import ToolFrame
     from planners import Choices, Plan, Trajectory
 
 LOGGER: Final = logging.getLogger(__name__)
@@ -34,6 +36,10 @@ REST_FACTOR: Final = 2.0
 """Pause between two frames, as a multiple of the time the browser took for the first; it stays responsive."""
 MAX_WAIT_SECONDS: Final = 0.5
 """Maximum time to wait until a browser has drawn a frame, seconds."""
+MAX_ACCELERATION: Final = 2.0
+"""First limit of the acceleration of joints, rad/s^2 and m/s^2."""
+MAX_VELOCITY: Final = 1.0
+"""First limit of the velocity of joints for which the URDF has none, rad/s and m/s."""
 AUTOMATIC: Final = "automatic"
 """Label of the default planner."""
 
@@ -65,6 +71,16 @@ class Panel:
     share : GuiSliderHandle of float
         Position of the robot on the path, percent of its length, or of the duration of a trajectory.
     play : GuiButtonHandle
+    max_acceleration, max_velocity : GuiInputHandle of float
+        Limits of an arm's joints, rad or m, and seconds; the second for joints whose URDF has no limit of velocity.
+    clock : GuiHtmlHandle
+        Time of the robot's position on a trajectory.
+    tool_frame : GuiDropdownHandle
+        Frame of an arm that users drag.
+    position_only : GuiInputHandle of bool
+        Drag the frame to a position, with any rotation.
+    tool : GuiMarkdownHandle
+        Whether the arm reaches the pose to which its frame was dragged.
     sliders : list of GuiSliderHandle of float
         Robot's coordinates, one for each of :attr:`Canvas.dials`.
     state : GuiMarkdownHandle
@@ -85,10 +101,15 @@ class Panel:
             for name, q in canvas.endpoints.items():
                 self._typed[name] = self._add_typed(name, canvas.dial_values(q))
             self._add_plan(choices)
+        if canvas.tool is not None:
+            with gui.add_folder("Tool"):
+                self._add_tool(canvas.tool)
         with gui.add_folder("Path"):
             self.share: Any = gui.add_slider("along it (%)", 0.0, 100.0, 0.1, 0.0)
             self.play = gui.add_button("Play")
+            self.clock = gui.add_html("")
             self.scale = gui.add_html("")
+            self._add_limits()
         with gui.add_folder("Robot"):
             self.sliders: list[Any] = [
                 gui.add_slider(dial.label, dial.low, dial.high, dial.step, dial.low) for dial in canvas.dials
@@ -143,6 +164,37 @@ class Panel:
 
         self.drive.on_update(show_turning_radius)
 
+    def _add_tool(self, tool: ToolFrame) -> None:
+        """Add the inputs and the message of the tool frame."""
+        gui = self._gui
+        self.tool_frame: Any = gui.add_dropdown(
+            "frame", tool.frames, initial_value=tool.name, hint="Drag its axes and arcs in the scene."
+        )
+        self.position_only: Any = gui.add_checkbox(
+            "position only", tool.position_only, hint="The frame may have any rotation."
+        )
+        self.tool = gui.add_markdown("Drag the frame: release it to plan there.")
+
+    def _add_limits(self) -> None:
+        """Add the limits of the trajectories of an arm."""
+        gui, canvas = self._gui, self._canvas
+        self.max_acceleration = gui.add_number(
+            f"max {canvas.joint_units}/s²",
+            MAX_ACCELERATION,
+            min=0.01,
+            step=0.1,
+            hint="Limit of the acceleration of each joint; a URDF has none.",
+            visible=canvas.tool is not None,
+        )
+        self.max_velocity = gui.add_number(
+            f"max {canvas.joint_units}/s",
+            MAX_VELOCITY,
+            min=0.01,
+            step=0.1,
+            hint=f"Limit of the velocity of joints for which the URDF has none: {', '.join(canvas.unlimited)}.",
+            visible=bool(canvas.unlimited),
+        )
+
     def typed(self, name: str) -> tuple[float, ...]:
         """Return the typed values of :attr:`Canvas.dials` of the start or the goal."""
         return tuple(float(value) for handle in self._typed[name] for value in np.atleast_1d(handle.value))
@@ -161,6 +213,10 @@ class Panel:
         """Show the coordinates of the robot."""
         for slider, number in zip(self.sliders, numbers, strict=True):
             slider.value = min(max(number, slider.min), slider.max)
+
+    def show_time(self, share: float, duration: float | None) -> None:
+        """Show the time at a share of a trajectory; nothing if it has no duration, seconds."""
+        self.clock.content = "" if duration is None else _note_html(f"{share * duration:.2f} s of {duration:.2f} s")
 
     def reset_path(self, max_distance: float | None) -> None:
         """Move the slider to the start of a new path.
@@ -185,8 +241,8 @@ class Page:
     canvas : Canvas
     path : ndarray of float64, shape (n, size)
         Path to show; n is 0 without a path.
-    motion : planners.Trajectory, optional
-        Motion along the path, which is then played at true speed.
+    source : planners.Plan or planners.Trajectory, optional
+        Where the path is from. Trajectories, and plans of arms, are played at true speed.
 
     Attributes
     ----------
@@ -196,23 +252,27 @@ class Page:
         Start and goal.
     plan : planners.Plan or None
         Result of the last search.
+    trajectory : planners.Trajectory or None
+        Motion along the path shown; None if it has no times.
     """
 
     def __init__(
-        self, server: ViserServer, space: Any, canvas: Canvas, path: Floats, motion: Trajectory | None = None
+        self, server: ViserServer, space: Any, canvas: Canvas, path: Floats, source: Plan | Trajectory | None = None
     ) -> None:
         self._server, self._space, self._canvas = server, space, canvas
         self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
-        self._path, self._motion, self._proves = path, motion, canvas.is_quick
+        self._path, self.trajectory, self._proves = path, None, canvas.is_quick  # type: Floats, Trajectory | None, bool
+        self._source, self._strays = source, False
+        self._goal: PoseGoal | None = None
         self._playing = threading.Event()
-        tasks = canvas.draw, self._describe, self._prove, self._search, self._play
+        tasks = canvas.draw, self._describe, self._prove, self._search, self._play, self._reach
         self._workers = [Worker(task, self._report_error) for task in tasks]
-        self._drawer, self._describer, self._prover, self._planner, self._player = self._workers
+        self._drawer, self._describer, self._prover, self._planner, self._player, self._solver = self._workers
         self.panel = Panel(server.gui, canvas, _choices(space), self._drawer.request)
         self._connect()
         for name, q in canvas.endpoints.items():
             self.mark(name, q)
-        self._show_path(path, motion)
+        self._show_path(path, source)
         self.move(canvas.endpoints["start"])
         server.on_client_connect(self._follow_camera)
 
@@ -239,6 +299,34 @@ class Page:
         panel.plan.on_click(lambda _: self.search())
         panel.play.on_click(lambda _: self._playing.clear() if self._playing.is_set() else self.play())
         panel.mark_robot.on_click(lambda event: self.mark(event.target.value, canvas.robot))
+        for limit in (panel.max_acceleration, panel.max_velocity):
+            limit.on_update(lambda _: self._change_limits())
+        if canvas.tool is not None:
+            self._connect_tool(canvas.tool)
+
+    def _connect_tool(self, tool: ToolFrame) -> None:
+        """Connect the tool frame of an arm to actions."""
+        panel = self.panel
+
+        def drag(phase: str) -> None:
+            if phase == "end":
+                self.release()
+            else:
+                self._follow_tool(tool)
+
+        def choose_frame(event: Any) -> None:
+            tool.choose(event.target.value)
+            panel.position_only.value = tool.position_only
+            self._canvas.draw_path(self._path)
+            self._canvas.place(self._canvas.robot)
+
+        def choose_position_only(event: Any) -> None:
+            tool.choose(tool.name, event.target.value)
+            self._canvas.place(self._canvas.robot)
+
+        tool.on_drag(drag)
+        panel.tool_frame.on_update(choose_frame)
+        panel.position_only.on_update(choose_position_only)
 
     # ---- actions for programs ----------------------------------------------------------------------------------------
 
@@ -249,16 +337,47 @@ class Page:
 
     def _place(self, q: Floats) -> None:
         """Show the robot at a configuration."""
+        self._strays = False
         self._canvas.place(q)
         self._drawer.request()
         self._describer.request()
 
     def go(self, share: float) -> None:
         """Move the robot to a share, from 0 to 1, of the path's length, or of a trajectory's duration."""
-        if self._motion is not None:
-            self.move(self._motion.sample(share * self._motion.duration)[0])
+        motion = self.trajectory
+        self.panel.show_time(share, None if motion is None else motion.duration)
+        if motion is not None:
+            self.move(motion.sample(share * motion.duration)[0])
         else:
             self.move(self._canvas.interpolate(self._path, np.array([share]))[0])
+
+    def drag(self, pose: Floats) -> None:
+        """Move the tool frame of an arm to a pose, shape (4, 4), as a user who drags it and has not released it yet.
+
+        The arm follows as near as it can. Where it was before becomes the start.
+        """
+        tool = self._canvas.tool
+        if tool is None:
+            raise InputError("pose", "is given for a map", "only arms have frames", "use move(q)", value=pose)
+        self._follow_tool(tool)
+        tool.move(pose)
+
+    def _follow_tool(self, tool: ToolFrame) -> None:
+        """Let the arm follow its tool frame, which a user drags."""
+        if not tool.is_held:
+            self._playing.clear()
+            if not self._strays:  # otherwise the arm stands where no plan has brought it, and its start stays
+                self.mark("start", self._canvas.robot)
+            self._show_path(self._path[:0])
+            tool.is_held = self._strays = True
+        self._solver.request()
+
+    def release(self) -> None:
+        """Plan from the start to the pose to which the tool frame was dragged."""
+        tool = self._canvas.tool
+        if tool is not None and tool.is_held:
+            tool.is_held, self._goal = False, tool.goal
+            self._planner.request()
 
     def mark(self, name: str, q: Floats) -> None:
         """Move the start or the goal to a configuration."""
@@ -295,7 +414,8 @@ class Page:
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until all requested work is done; return False after a timeout."""
-        return all(worker.wait(seconds) for worker in (self._planner, self._drawer, self._describer, self._prover))
+        workers = self._solver, self._planner, self._drawer, self._describer, self._prover
+        return all(worker.wait(seconds) for worker in workers)
 
     def close(self) -> None:
         """Stop all threads."""
@@ -314,18 +434,32 @@ class Page:
         if self._proves:
             self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
 
+    def _reach(self) -> None:
+        """Move the arm to the pose of its tool frame, and show whether it reaches it."""
+        problem = self._canvas.reach()
+        q = self._canvas.robot
+        self.panel.show_robot(self._canvas.dial_values(q))
+        self.mark("goal", q)
+        reached = "**Reached**, proven free." if self._space.is_free(q) else "**Reached**, but not proven free."
+        if problem:
+            reached = f"**Not reached**; the arm shows the nearest pose.  \n{problem[:1].upper()}{problem[1:]}."
+        self.panel.tool.content = reached
+        self._describer.request()
+
     def _search(self) -> None:
         """Plan, and show the result."""
         import planners
 
-        panel = self.panel
+        panel, pose = self.panel, self._goal
+        self._goal = None
+        self._solver.wait()  # the arm has come to a pose before it is moved along the plan
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
         try:
             self.plan = plan = planners.plan(
                 self._space,
                 self.marks["start"],
-                self.marks["goal"],
+                self.marks["goal"] if pose is None else pose,
                 planner=None if panel.planner.value == AUTOMATIC else panel.planner.value,
                 time_limit=float(panel.time_limit.value),
                 exact=bool(panel.exact.value),
@@ -336,17 +470,29 @@ class Page:
             panel.plan.disabled = False
         self._proves = True  # the components are known from now on
         self._prover.request()
-        self._show_path(plan.path)
-        if plan.solved:
-            self.move(plan.path[0])
+        if pose is None:
+            self._show_path(plan.path, plan)
+            if plan.solved:
+                self.move(plan.path[0])
+        elif plan.solved and not self._is_dragging:
+            self.mark("goal", plan.goal)
+            self._show_path(plan.path, plan)
+            panel.share.value = 100.0
+            self.go(1.0)
         panel.answer.content = _describe_plan(plan)
+
+    @property
+    def _is_dragging(self) -> bool:
+        """Whether a user drags the tool frame."""
+        return self._canvas.tool is not None and self._canvas.tool.is_held
 
     def _play(self) -> None:
         """Move the robot along the path until its end or until stopped."""
         panel = self.panel
         panel.play.label = "Stop"
         share = panel.share.value / 100.0 if panel.share.value < 100.0 else 0.0
-        seconds = PLAY_SECONDS if self._motion is None else max(self._motion.duration, 1.0 / MAX_FRAME_RATE)
+        motion = self.trajectory
+        seconds = PLAY_SECONDS if motion is None else max(motion.duration, 1.0 / MAX_FRAME_RATE)
         began = time.perf_counter() - share * seconds
         try:
             while self._playing.is_set() and share < 1.0 and len(self._path):
@@ -369,12 +515,33 @@ class Page:
             with suppress(RuntimeError, TimeoutError):
                 client.local_storage.get_item("", MAX_WAIT_SECONDS)
 
-    def _show_path(self, path: Floats, motion: Trajectory | None = None) -> None:
+    def _show_path(self, path: Floats, source: Plan | Trajectory | None = None) -> None:
         """Show a path, from its start."""
         self._playing.clear()
-        self._path, self._motion = path, motion
+        self._path, self._source = path, source
         max_distance = self._canvas.draw_path(path)
         self.panel.reset_path(max_distance if len(path) else None)
+        self._time_path()
+
+    def _change_limits(self) -> None:
+        """Give the path new times, or show why it cannot have them."""
+        try:
+            self._time_path()
+        except InputError as error:
+            self._report_error(error)
+
+    def _time_path(self) -> None:
+        """Give the path of an arm's plan times, within the limits of the panel."""
+        source: Any = self._source
+        self.trajectory = source if hasattr(source, "sample") else None
+        if hasattr(source, "trajectory") and self._canvas.tool is not None and len(self._path):
+            speed = float(self.panel.max_velocity.value)
+            self.trajectory = source.trajectory(
+                max_velocity=dict.fromkeys(self._canvas.unlimited, speed),
+                max_acceleration=float(self.panel.max_acceleration.value),
+            )
+        motion = self.trajectory
+        self.panel.show_time(self.panel.share.value / 100.0, None if motion is None else motion.duration)
 
     def _follow_camera(self, client: Any) -> None:
         """Redraw when the camera of a client moves far enough."""

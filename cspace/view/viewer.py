@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial, singledispatch
+from functools import partial
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 from urllib.parse import urlsplit
@@ -49,6 +49,7 @@ class ViewOptions(TypedDict, total=False):
     path: ArrayLike | HasPath
     start: ArrayLike
     goal: ArrayLike
+    frame: str
     host: str
     port: int
 
@@ -96,8 +97,8 @@ class Viewer:
         self._closed = threading.Event()
         try:
             self.canvas = canvas(self.server, points, marks)
-            motion: Any = path if hasattr(path, "sample") else None
-            self.page = Page(self.server, space, self.canvas, points, motion)
+            source: Any = path if hasattr(path, "sample") or hasattr(path, "trajectory") else None
+            self.page = Page(self.server, space, self.canvas, points, source)
         except BaseException:
             stop(self.server)
             raise
@@ -151,23 +152,16 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
 
 
-@singledispatch
-def choose_canvas(space: Any) -> MakeCanvas:
-    """Return a function that makes the canvas of a space.
+def choose_canvas(space: Any, frame: str | None = None) -> MakeCanvas:
+    """Return a function that makes the canvas of a space; ``frame`` is the tool frame of an arm.
 
-    The default is for maps in memory.
+    Raises InputError if a frame is given for a map.
     """
-    return partial(MapCanvas, space, CellsInMemory(space))
-
-
-@choose_canvas.register(TiledCSpace)
-def _(space: TiledCSpace) -> MakeCanvas:
-    return partial(MapCanvas, space, CellsInStore(space))
-
-
-@choose_canvas.register(ArmSpace)
-def _(space: ArmSpace) -> MakeCanvas:
-    return partial(ArmCanvas, space)
+    if isinstance(space, ArmSpace):
+        return partial(ArmCanvas, space, frame=frame)
+    if frame is not None:
+        raise InputError("frame", f"is {frame!r}", "a map has no frames", "leave it out", value=frame)
+    return partial(MapCanvas, space, CellsInStore(space) if isinstance(space, TiledCSpace) else CellsInMemory(space))
 
 
 def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
@@ -175,7 +169,8 @@ def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
 
     If ``block`` is set, print its address and wait until it is closed.
     """
-    viewer = Viewer(space, choose_canvas(space), **options)
+    shown: dict[str, Any] = {**options}
+    viewer = Viewer(space, choose_canvas(space, shown.pop("frame", None)), **shown)
     if block:
         sys.stdout.write(f"{viewer.url}  Ctrl-C closes it\n")
         sys.stdout.flush()

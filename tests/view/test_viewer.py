@@ -18,7 +18,7 @@ from cspace.errors import InputError
 from cspace.view import Viewer
 from tests.commands import run
 from tests.missing import output_without
-from tests.pages import node, setting
+from tests.pages import camera, node, setting
 from tests.refusals import refusals
 from tests.waiting import until
 
@@ -255,9 +255,7 @@ def test_server_refuses_pages_of_other_sites(served: Viewer, origin: str | None,
     page, port = served.page, served.server.get_port()
     q = page.marks["start"] + [0.3, 0.3]
     page.move(page.marks["start"])
-    camera = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
-    camera |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {"wxyz": (1.0, 0.0, 0.0, 0.0)}
-    sent = [{"type": "ViewerCameraMessage", **camera}]
+    sent = [camera()]
     sent += [setting(slider, value) for slider, value in zip(page.panel.sliders, q.tolist(), strict=True)]
     with (
         socket.create_connection(("127.0.0.1", port)) as plug,

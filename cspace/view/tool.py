@@ -1,0 +1,133 @@
+"""The tool frame of an arm, which users drag to a pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cspace.arms.inverse import DEFAULT_TOLERANCE, PoseGoal, branch_to
+from cspace.arrays import Floats
+from cspace.check import check_known
+from cspace.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+MIN_POSE_JOINTS: Final = 6
+"""Number of joints that reach every pose nearby; if fewer move a frame, only its position is asked for at first."""
+MAX_CANDIDATES: Final = 8
+"""Number of configurations at a pose among which a FREE one is sought."""
+
+
+class ToolFrame:
+    """A frame of an arm that users drag, and the configurations that bring it to a pose.
+
+    Parameters
+    ----------
+    space : ArmSpace
+    server : viser.ViserServer
+    size : float
+        Length of the axes that users drag, metres.
+    name : str, optional
+        Default: the last frame, attached objects left out, of those that the most joints move.
+
+    Attributes
+    ----------
+    frames : tuple of str
+        Frames that a joint moves.
+    name : str
+        The frame that users drag, one of :attr:`frames`.
+    position_only : bool
+        True if the rotation of the frame does not matter.
+    pose : ndarray of float64, shape (4, 4)
+        Where the frame shall be, in the frame of the base.
+    is_held : bool
+        True during a drag.
+
+    Raises
+    ------
+    InputError
+        If no joint moves a frame of that name.
+    """
+
+    def __init__(self, space: Any, server: ViserServer, size: float, name: str | None = None) -> None:
+        arm = self._arm = space.arm
+        self._space, self.is_held, self.pose = space, False, np.eye(4)
+        counts = {frame: _count_joints(arm, frame) for frame in arm.frames}
+        self.frames = tuple(frame for frame, count in counts.items() if count)
+        deepest = max((frame for frame in reversed(self.frames) if frame not in arm._carriers), key=counts.__getitem__)
+        self.name = deepest if name is None else check_known(name, "frame", self.frames)
+        self._gizmo = server.scene.add_transform_controls("/tool", scale=size, line_width=3.0, depth_test=False)
+        self.choose(self.name)
+
+    @property
+    def goal(self) -> PoseGoal:
+        """The pose that the frame shall reach."""
+        distance, angle = DEFAULT_TOLERANCE
+        return PoseGoal(self.name, self.pose, (distance, math.inf if self.position_only else angle))
+
+    def choose(self, name: str, position_only: bool | None = None) -> None:
+        """Choose the frame that users drag.
+
+        By default only its position matters if fewer than six joints move it.
+        """
+        few = _count_joints(self._arm, name) < MIN_POSE_JOINTS
+        self.name, self.position_only = name, few if position_only is None else position_only
+        self._gizmo.disable_rotations = self.position_only
+
+    def follow(self, q: Floats) -> None:
+        """Move the gizmo to the frame at a configuration, except during a drag."""
+        if not self.is_held:
+            self.move(self._arm.pose(q, self.name))
+
+    def move(self, pose: Floats) -> None:
+        """Move the gizmo to a pose."""
+        self.pose = pose
+        self._gizmo.position, self._gizmo.wxyz = pose[:3, 3], _quaternion(pose)
+
+    def on_drag(self, dragged: Callable[[str], None]) -> None:
+        """Call ``dragged`` with "start", "update" or "end" when users drag the frame."""
+
+        async def drag(event: Any) -> None:  # async keeps the order of phases
+            self.pose = np.eye(4)
+            self.pose[:3, :3] = Rotation.from_quat(event.target.wxyz, scalar_first=True).as_matrix()
+            self.pose[:3, 3] = event.target.position
+            dragged(event.phase)
+
+        self._gizmo.on_update(drag)
+
+    def solve(self, near: Floats) -> tuple[Floats, str]:
+        """Return the configuration of an arm at :attr:`pose`, and why it is not there.
+
+        Among configurations that reach the pose, a FREE one is preferred, then the nearest to ``near``. If none does,
+        the nearest pose reached is returned with the reason; otherwise the reason is empty.
+        """
+        goal = self.goal
+
+        def find(count: int) -> Floats:
+            return np.asarray(
+                self._arm.inverse(goal.frame, goal.pose, tolerance=goal.tolerance, near=near, max_solutions=count)
+            )
+
+        try:
+            found = find(1)
+            if not self._space.is_free(found[0]):
+                found = find(MAX_CANDIDATES)
+        except ConfigurationError as error:
+            return np.array(error.nearest), str(error)
+        return found[int(np.argmax(self._space.is_free(found)))], ""
+
+
+def _count_joints(arm: Any, frame: str) -> int:
+    """Return the number of joints that move a frame."""
+    body = arm._frames[frame].body
+    return len(branch_to(arm.chain, body).joints) if body else 0
+
+
+def _quaternion(pose: Floats) -> Floats:
+    """Return the rotation of a pose as w, x, y, z."""
+    return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True))
