@@ -38,7 +38,7 @@ print(space)
 # robot on omni wheels, but no car can drive it.
 
 start = (-2.0, 2.0, 0.0)
-plan = planners.plan(space, start, (38.0, 2.0, 0.0), drive="dubins", turning_radius=4.0, time_limit=5, seed=1)
+plan = planners.plan(space, start, (38.0, 2.0, 0.0), drive="dubins", turning_radius=4.0, time_limit=5)
 print(plan)
 save_plot(space, "cars_1.png", True, path=plan)
 
@@ -49,9 +49,7 @@ save_plot(space, "cars_1.png", True, path=plan)
 # ``drive="reeds-shepp"`` may reverse, here into the gap between two parked cars:
 
 gap = (12.0, -0.8, 0.0)
-plan = planners.plan(
-    space, start, gap, planner="LBKPIECE1", drive="reeds-shepp", turning_radius=4.0, time_limit=10, seed=1
-)
+plan = planners.plan(space, start, gap, drive="reeds-shepp", turning_radius=4.0, time_limit=5)
 print(plan)
 save_plot(space, "cars_2.png", True, path=plan)
 

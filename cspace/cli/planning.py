@@ -46,7 +46,10 @@ def plan(
     ] = None,
     planner: Annotated[
         str | None,
-        typer.Option(help="An OMPL planner, by name; a wrong one lists them all. RRT for dubins, else RRTConnect."),
+        typer.Option(
+            help="Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all  [default: Grid, or "
+            "Lattice for other drives than holonomic]."
+        ),
     ] = None,
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
     seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,

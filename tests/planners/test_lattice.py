@@ -168,6 +168,31 @@ def test_a_car_parks_parallel_to_the_road_in_reverse() -> None:
 
 
 @pytest.mark.parametrize("options", DRIVES, ids=IDS)
+def test_cars_leave_a_bug_trap(options: dict[str, Any]) -> None:
+    """The trap, the car and the query of OMPL.app's problem BugTrap_dcar, whose car turns within 1.73 m."""
+    outer, inner, gap = shapely.box(-20, -20, 20, 20), shapely.box(-17, -17, 17, 17), shapely.box(3, -3, 20, 3)
+    walls = outer.difference(inner).union(shapely.box(3, -6, 20, 6)).difference(gap)
+    workspace = Workspace.from_polygons([walls], 0.5, bounds=(-55, -55, 55, 55))
+    space = build(workspace, Robot.rectangle(5.0, 2.5), rotations=72)
+    if "turning_radius" in options:
+        options = options | {"turning_radius": 3.0**0.5}
+    plan = planners.plan(space, (6.0, 12.0, 0.0), (-39.0, 0.0, 0.0), time_limit=20.0, **options)
+    assert plan.certified and plan.planner == "Lattice"
+    assert plan.lower_bound < plan.length < 140.0
+
+
+@pytest.mark.parametrize("radius", [2.5, 4.0])
+def test_a_car_leaves_one_gap_of_a_full_parking_lot_for_another(data: Path, radius: float) -> None:
+    lot, car = (data / "polygons" / f"{name}.geojson" for name in ("parking1", "car"))
+    space = build(Workspace.open(lot, spacing=0.1, bounds=(-5, -18, 25, 4)), Robot.open(car), rotations=72)
+    query, options = ((4.03, -2.6, 1.5708), (9.9, -12.0, -1.5708)), {"turning_radius": radius, "time_limit": 20.0}
+    plan = planners.plan(space, *query, drive="reeds-shepp", **options)
+    assert plan.certified and plan.planner == "Lattice" and plan.direction is not None and -1 in plan.direction
+    assert plan.length < 20.0
+    assert not planners.plan(space, *query, drive="dubins", planner="Lattice", **options).solved  # it starts at a wall
+
+
+@pytest.mark.parametrize("options", DRIVES, ids=IDS)
 def test_the_lattice_leaves_a_dead_end_as_the_drive_may(options: dict[str, Any]) -> None:
     """In a corridor too narrow to turn, only robots that reverse leave in the other direction."""
     space = build(Workspace.from_array(fill_boxes((80, 40), np.s_[:50, :15], np.s_[:50, 20:]), 0.1),
