@@ -238,8 +238,8 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def _facts(self) -> dict[str, object]:
         """Plain values by name that describe the map."""
-        grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
-        arrays: list[Any] = [states, *fields.values()] + ([] if self.overlap_counts is None else [self.overlap_counts])
+        grid, rotations, states, field = self.grid, self.rotations, self._seen, self._contents.field
+        arrays: list[Any] = [states, *(each for each in (field, self.overlap_counts) if each is not None)]
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = count_states(states)[:, FREE][self._slice_of]
@@ -253,7 +253,7 @@ class CSpace(ConfigurationMap, MapExport):
             filled: mean,
             "precision": self.precision,
             "overlap_counts": self.overlap_counts is not None,
-            **({"overlap_field": True} if fields else {}),
+            **({"overlap_field": True} if field is not None else {}),
             "memory_bytes": sum(array.nbytes for array in arrays),
         }
 
@@ -1000,9 +1000,9 @@ class CSpace(ConfigurationMap, MapExport):
         """Refresh all caches after the states and the exterior changed in place."""
         contents = self._contents
         same = contents.workspace is change.workspace and contents.layers is change.layers
-        if not same or contents.fields or contents.prove is not None:
+        if not same or contents.field is not None or contents.prove is not None:
             # Overlap fields and the arm of a joint map belong to the obstacles before the update.
-            self._contents = replace(contents, workspace=change.workspace, layers=change.layers, fields={}, prove=None)
+            self._contents = replace(contents, workspace=change.workspace, layers=change.layers, field=None, prove=None)
         CSpace._outer_sums.refresh(self, change.workspace.outer, change.cells)
         CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
         if change.changed:
@@ -1021,7 +1021,7 @@ class CSpace(ConfigurationMap, MapExport):
     def with_overlap_field(self, overlap: FourierOverlap) -> CSpace:
         """Return a copy of the map with an overlap field.
 
-        The field has overlap and gradient at the center of each cell. The field is saved and exported with the map;
+        The field has the overlap at the center of each cell. It is saved and exported with the map;
         :class:`planners.OverlapObjective` uses it.
 
         Parameters
@@ -1034,14 +1034,14 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If the overlap is in the plane and the map is in space, or the other way around, or memory is too small.
         MissingPackageError
-            If finufft is not installed.
+            If finufft is needed, for many balls of one radius, and is not installed.
         """
         from cspace.spectral.overlap import OverlapField
 
         self._refuse_periodic("overlap_field", "use the ArmSpace of the arm")
-        fields = OverlapField.of(self, overlap).arrays
+        values = OverlapField.of(self, overlap).values
         with self._lock:  # an update waits
-            return CSpace(replace(self._contents.copy(), fields=fields), self._rasters)
+            return CSpace(replace(self._contents.copy(), field=values), self._rasters)
 
     @property
     def overlap_field(self) -> OverlapField | None:
@@ -1051,8 +1051,8 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.spectral.overlap import OverlapField
 
-        fields = self._contents.fields
-        return OverlapField(self, fields) if fields else None
+        values = self._contents.field
+        return None if values is None else OverlapField(self, values)
 
     # ---- for files and messages --------------------------------------------------------------------------------------
 

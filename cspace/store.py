@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import BLOCKED, FIELD_NAMES, MIXED, Bools, Box, Ints, States, StrPath, intersect_boxes
+from cspace.arrays import BLOCKED, FIELD_NAME, MIXED, Bools, Box, Ints, States, StrPath, intersect_boxes
 from cspace.compiling import kernel
 from cspace.errors import CspaceError, FileError
 from cspace.files.access import check_suffix, decoding, read_bytes, read_member, replacing
@@ -76,7 +76,7 @@ DIGESTED: Final = ("cell_states", "outer", "inner")
 TILED: Final = (*DIGESTED, "record")
 """Arrays with one or several chunks per tile."""
 
-UNTILED: Final = ("overlap_counts", *FIELD_NAMES)
+UNTILED: Final = ("overlap_counts", FIELD_NAME)
 """Arrays that only maps in memory hold."""
 
 MAP_SUFFIXES: Final = (".zarr", "")
@@ -810,7 +810,7 @@ class Store:
             float(self.metadata["margin"]),
             str(self.metadata["precision"]),
             arrays.get("overlap_counts"),
-            {name: arrays[name].reshape(leading) for name in FIELD_NAMES if name in arrays},
+            arrays[FIELD_NAME].reshape(leading) if FIELD_NAME in arrays else None,
             Exterior(arrays["exterior"]) if "exterior" in arrays else None,
             self.proves_blocked,
             periodic_axes=tuple(axis in periodic_axes for axis in self.grid.axes) if periodic_axes else (),

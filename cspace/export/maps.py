@@ -126,7 +126,7 @@ def export(
         ``slice_of`` (``cell_states[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of
         the cells, metres), ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
         ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has them, ``inner``,
-        ``unknown``, ``overlap_counts`` and the overlap field (``penetration`` and its derivatives). For a robot that
+        ``unknown``, ``overlap_counts`` and the overlap field (``penetration``). For a robot that
         turns, each rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to
         ``qw``, hold the rotations. ``.nc``: netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z,
         y, x]``. ``.tif``, ``.tiff``: a plane map as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``,
@@ -205,8 +205,8 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     xarray.Dataset
         Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of the cells, in metres or
         radians. Variables ``cell_states`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
-        workspace) and, if the map has them, ``overlap_counts`` (int32), ``penetration`` and its derivatives
-        ``penetration_x`` and so on (float64), and ``shapes`` (bytes of JSON text from which the obstacles are made).
+        workspace) and, if the map has them, ``overlap_counts`` (int32), ``penetration`` (the overlap field,
+        float64), and ``shapes`` (bytes of JSON text from which the obstacles are made).
         The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
         ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
         text for ``Robot.from_spec``), ``workspace_source`` and the versions.

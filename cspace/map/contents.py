@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FIELD_NAMES, Floats, Ints
+from cspace.arrays import FIELD_NAME, Floats, Ints
 from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -46,8 +46,8 @@ class Contents:
         Arithmetic of the engine: integers, or floating-point transforms rounded to integers.
     overlap_counts : ndarray of int32, the shape of states, or None
         Overlap of each cell; taken over like ``states``.
-    fields : mapping of str to ndarray of float64
-        All arrays of :class:`cspace.spectral.OverlapField`, or none.
+    field : ndarray of float64, or None
+        Values of :class:`cspace.spectral.OverlapField`.
     exterior : Exterior or None
         States outside the grid; if None, computed from the robot's rasters when needed.
     proves_blocked : bool or None
@@ -73,7 +73,7 @@ class Contents:
     margin: float = 0.0
     precision: str = "integer"
     overlap_counts: NDArray[np.int32] | None = None
-    fields: Mapping[str, Floats] = field(default_factory=dict)
+    field: Floats | None = None
     exterior: Exterior | None = None
     proves_blocked: bool | None = None
     periodic_axes: tuple[bool, ...] = ()
@@ -95,8 +95,8 @@ class Contents:
                 object.__setattr__(self, name, _writable(array))
         if self.outside != UNKNOWN:
             check_word(self.outside, "outside", OUTSIDES)
-        if self.fields:
-            object.__setattr__(self, "fields", checked_fields(self.fields, self.grid.dim, self.leading(shape[0])))
+        if self.field is not None:
+            object.__setattr__(self, "field", checked_field(self.field, self.leading(shape[0])))
 
     @property
     def grid(self) -> Grid:
@@ -134,23 +134,16 @@ class Contents:
         )
 
 
-def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...]) -> dict[str, Floats]:
-    """Check the arrays of an overlap field.
+def checked_field(values: Floats, shape: tuple[int, ...]) -> Floats:
+    """Return the values of an overlap field, read-only.
 
-    Return them read-only, in the order of :data:`cspace.arrays.FIELD_NAMES`. Raise InputError if an array is missing,
-    unknown, of another shape or type, or not finite.
+    Raises InputError if they have another shape or type, or are not finite.
     """
-    names, hint = FIELD_NAMES[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
-    if set(fields) != set(names):
-        rule = f"of a map of {dim} axes they must be {', '.join(names)}"
-        raise InputError("fields", f"are {', '.join(fields) or 'none'}", rule, hint, value=fields)
-    for name in names:
-        array = fields[name]
-        if array.shape != shape or array.dtype != np.float64:
-            rule = f"it must have the map's shape {shape} and type float64"
-            raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, hint, value=array)
-        check_finite(array, name)
-    return {name: read_only(fields[name]) for name in names}
+    if values.shape != shape or values.dtype != np.float64:
+        problem = f"has shape {values.shape} and type {values.dtype}"
+        rule = f"it must have the map's shape {shape} and type float64"
+        raise InputError(FIELD_NAME, problem, rule, "use CSpace.with_overlap_field", value=values)
+    return read_only(check_finite(values, FIELD_NAME))
 
 
 def _writable(array: NDArray[Any]) -> NDArray[Any]:

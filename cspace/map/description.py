@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import FIELD_NAMES, STATE_NAMES
+from cspace.arrays import FIELD_NAME, STATE_NAMES
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.storage import read_only, read_only_of
@@ -27,7 +27,7 @@ VERSION: Final = 4
 
 AXES: Final = ("x", "y", "z")
 
-STACKED: Final = ("cell_states", "overlap_counts", *FIELD_NAMES)
+STACKED: Final = ("cell_states", "overlap_counts", FIELD_NAME)
 """Arrays with one entry for each slice."""
 
 
@@ -62,11 +62,6 @@ def _floats(axes: str, name: str, units: str, **about: str) -> Stored:
     return _stored(axes, "float64", math.nan, name, units=units, **about)
 
 
-_OVERLAP_FIELD: Final = (
-    "overlap of the descriptors of robot and obstacles",
-    *(f"its derivative along {axis}" for axis in AXES),
-)
-
 ARRAYS: Final[dict[str, Stored]] = {
     "cell_states": _stored(
         "slice cells",
@@ -90,10 +85,7 @@ ARRAYS: Final[dict[str, Stored]] = {
     "overlap_counts": _stored(
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
     ),
-    **{
-        name: _stored("slice cells", "float64", math.inf, what)
-        for name, what in zip(FIELD_NAMES, _OVERLAP_FIELD, strict=True)
-    },
+    FIELD_NAME: _stored("slice cells", "float64", math.inf, "overlap of the descriptors of robot and obstacles"),
     "slice_of": _stored(
         "rotation",
         "int64",
@@ -146,13 +138,12 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
 
     They include its unit if that depends on the axes.
     """
-    about, dim = dict(stored()[name].about), grid.dim
+    about = dict(stored()[name].about)
     if name in AXES:
         number = AXES.index(name)
         about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
-    if name in FIELD_NAMES:
-        power = dim - (name != FIELD_NAMES[0])
-        about["units"] = "m" if power == 1 else f"m{power}"
+    if name == FIELD_NAME:
+        about["units"] = f"m{grid.dim}"
     return about
 
 
@@ -220,7 +211,7 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
         arrays["unknown"] = workspace.unknown
     if contents.exterior is not None:
         arrays["exterior"] = contents.exterior.table
-    stacked: dict[str, NDArray[Any]] = dict(contents.fields)
+    stacked: dict[str, NDArray[Any]] = {} if contents.field is None else {FIELD_NAME: contents.field}
     if contents.overlap_counts is not None:
         stacked["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, partial
@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import FIELD_NAMES, Bytes, Floats, Ints, Numbers
+from cspace.arrays import Bytes, Floats, Ints, Numbers
 from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
 from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
-from cspace.limits import check_memory
+from cspace.limits import check_memory, count_cells
 from cspace.map.batches import Configuration, ConfigurationBatch, evaluate_batch, in_threaded_chunks
 from cspace.map.callbacks import callback
-from cspace.map.contents import checked_fields
+from cspace.map.contents import checked_field
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.storage import Map
 from cspace.rotations import Rotations
@@ -37,6 +37,7 @@ from cspace.spectral.descriptors import (
 from cspace.spectral.spectra import (
     BOUND_ROUNDING,
     MIN_SPECTRUM_TOLERANCE,
+    Correlation,
     Rings,
     Spectrum,
     Terms,
@@ -621,8 +622,44 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)
 
 
-FIELD_CELLS_PER_BATCH: Final = 2**20
-"""Number of cells whose values are computed at once."""
+BYTES_PER_LATTICE_STEP: Final = 40.0
+"""Upper bound of the memory for each step of the lattice of a field, bytes: its values, and spectra folded to it."""
+
+
+class _CellValues:
+    """Overlaps at the centers of a grid's cells, by inverse FFTs.
+
+    ``overlap`` is the same overlap with a longer period, a multiple of the spacing, so that cell centers lie on the
+    lattice of the FFT. Its band reaches at least as high. Values err by at most 1 + 2^-5 times its bound; the rounding
+    of the FFT is the smaller part (:class:`cspace.spectral.spectra.Correlation`).
+    """
+
+    def __init__(self, overlap: FourierOverlap, grid: Grid) -> None:
+        from scipy.fft import next_fast_len
+
+        shape = tuple(next_fast_len(math.ceil(length / grid.spacing), real=True) for length in overlap.lengths)
+        check_memory(BYTES_PER_LATTICE_STEP * float(count_cells(shape)), "the lattice of the overlap field", grid)
+        bands, lengths = overlap._bands, grid.spacing * np.array(shape)
+        halves = np.ceil(bands.halves * lengths / bands.lengths).astype(np.int64)
+        self._grid, self.overlap = grid, copy.copy(overlap)
+        self.overlap._bands = _Bands(bands.a, bands.b, lengths, tuple(halves.tolist()), bands.accuracy)
+        self.overlap.__dict__.pop("_levels", None)
+        self._correlation = Correlation(bands.a, bands.b, lengths, self.overlap.counts, shape, bands.accuracy)
+
+    def write(self, matrix: Floats | None, out: Floats) -> None:
+        """Write the overlaps at a rotation of A.
+
+        ``out`` has the shape of the grid, and stays as it is where the balls cannot meet.
+        """
+        overlap = self.overlap if matrix is None else self.overlap.rotated(matrix)
+        (low, high), inside = overlap.domain, []
+        for axis in range(overlap.dim):
+            centers = self._grid.centers(axis)
+            inside.append(np.flatnonzero((low[axis] <= centers) & (centers <= high[axis])))
+        if all(map(len, inside)):
+            start = overlap._relative(self._grid.center_of([cells[0] for cells in inside]))
+            values = self._correlation.values(overlap._rotation, start)
+            out[np.ix_(*inside)] = values[tuple(slice(len(cells)) for cells in inside)]
 
 
 class Space(Protocol):
@@ -648,26 +685,24 @@ class Space(Protocol):
 class OverlapField:
     """Overlap of robot and obstacles at cell centers.
 
-    The field has the gradient too. It is positive if balls meet and grows with the depth, and it is as smooth as the
-    descriptors. It proves nothing; the states of the map do.
+    It is positive if balls meet and grows with the depth, and it is as smooth as the descriptors. It proves nothing;
+    the states of the map do.
 
     Attributes
     ----------
     space : CSpace
-    arrays : mapping of str to ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates
-        The overlap, metres to the power of the dimension, and its derivatives along the axes, one power less. The names
-        are in ``cspace.arrays.FIELD_NAMES``.
+    values : ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates
+        The overlap at each cell center, metres to the power of the dimension; read-only.
 
-    Raises InputError if arrays are missing or superfluous, have another shape or type than the map, or are not finite.
+    Raises InputError if the values have another shape or type than the map, or are not finite.
     """
 
     space: Space
-    arrays: Mapping[str, Floats]
+    values: Floats
 
     def __post_init__(self) -> None:
-        """Check the arrays."""
-        grid = self.space.grid
-        object.__setattr__(self, "arrays", checked_fields(self.arrays, grid.dim, _shape(self.space)))
+        """Check the values."""
+        object.__setattr__(self, "values", checked_field(self.values, _shape(self.space)))
 
     @classmethod
     def of(cls, space: Space, overlap: FourierOverlap) -> OverlapField:
@@ -678,7 +713,7 @@ class OverlapField:
         balls, such as those of :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
 
         Raises InputError if ``overlap`` is no FourierOverlap, has another dimension than the map, or memory is too
-        small. Raises MissingPackageError if finufft is not installed.
+        small. Raises MissingPackageError if finufft is needed, for many balls of one radius, and is not installed.
         """
         argument: object = overlap
         if not isinstance(argument, FourierOverlap):
@@ -686,27 +721,13 @@ class OverlapField:
             raise InputError("overlap", f"is a {type(argument).__name__}", rule, hint, value=argument)
         grid, map_ = space.grid, space._kernel_map
         check_same_dim("overlap", overlap.dim, grid.dim)
-        shape, count = map_.states.shape, 1 + grid.dim
-        check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
-        arrays = {name: np.empty(shape) for name in FIELD_NAMES[:count]}
+        shape = map_.states.shape
+        check_memory(8.0 * math.prod(shape), "the overlap field", grid)
+        values, make = np.zeros(shape), _CellValues(overlap, grid)
         rotation_cells = space.rotations._shape_cells(grid.dim)
         for number in range(shape[0]):
-            matrix = rotation_cells[int(np.argmax(map_.slice_of == number))].matrix
-            rotated = overlap if matrix is None else overlap.rotated(matrix)
-            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // FIELD_CELLS_PER_BATCH)):
-                cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
-                value, gradient = rotated.value_and_gradient(grid.center_of(cells))
-                for name, array in zip(arrays, (value, *np.moveaxis(gradient, -1, 0)), strict=True):
-                    arrays[name][number, rows] = array
-        return cls(space, {name: array.reshape(_shape(space)) for name, array in arrays.items()})
-
-    @property
-    def values(self) -> Floats:
-        """Overlap at each cell center.
-
-        The shape is (nx, ny(, nz)), or (slices, ...) for a robot that rotates.
-        """
-        return self.arrays[FIELD_NAMES[0]]
+            make.write(rotation_cells[int(np.argmax(map_.slice_of == number))].matrix, values[number])
+        return cls(space, values.reshape(_shape(space)))
 
     @property
     def cells(self) -> Floats:

@@ -27,15 +27,10 @@ from cspace.spectral.descriptors import (
 )
 from cspace.spectral.overlap import FourierOverlap, rotation_matrix
 from cspace.spectral.spectra import (
-    Complexes,
-    FrequencyLattice,
+    Correlation,
     PairIntegrals,
-    ball_spectrum,
     norm_square,
-    radial_terms,
-    sum_terms,
 )
-from cspace.threads import cores
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -249,11 +244,8 @@ class _Score:
         overlap = FourierOverlap(body, target, bump=body.bump, threshold=scale, band=band, tolerance=tolerance)
         shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim)) if band is None else 1.0
         counts = tuple(2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in overlap.counts)
-        self.lengths, self.shape = np.array(overlap.lengths), [next_fast_len(count, real=True) for count in counts]
-        self.lattice = FrequencyLattice.of(counts, self.lengths)
-        self.terms = list(radial_terms(self.lattice, body.bump, body.radii, SEARCH_ACCURACY))
-        balls = target.centers - target.center, target.radii, body.bump
-        self.spectrum = ball_spectrum(*balls, self.lengths, counts, SEARCH_ACCURACY, weights=weights)
+        self.lengths, self.shape = np.array(overlap.lengths), tuple(next_fast_len(count, real=True) for count in counts)
+        self.correlation = Correlation(body, target, self.lengths, counts, self.shape, SEARCH_ACCURACY, weights)
         self.centroid = body.centers.mean(axis=0)
         self.arms = body.centers - self.centroid
         values, axes = np.linalg.eigh(self.arms.T @ self.arms / len(self.arms))
@@ -274,9 +266,7 @@ class _Score:
         """
         from scipy.ndimage import maximum_filter
 
-        moved = (self.body.centers - self.body.center) @ matrix.T
-        body = sum_terms(self.lattice, moved, self.terms, SEARCH_ACCURACY)
-        values = self._inverse(self.spectrum * body.conj())
+        values = self.correlation.values(matrix)
         if values.max() <= floor:
             return _Poses.none(self.dim)
         tops = np.flatnonzero((values > floor) & (values == maximum_filter(values, 3, mode="wrap")))
@@ -288,31 +278,15 @@ class _Score:
         scores = values.ravel()[tops]
         return _Poses(scores, centers, np.broadcast_to(matrix, (len(tops), *matrix.shape)))
 
-    def _inverse(self, spectrum: Complexes, *, spline: bool = False) -> Floats:
-        """Return a function with a given spectrum.
-
-        It has its values on a lattice, or the coefficients of its cubic spline there.
-        """
-        from scipy.fft import irfftn
-
-        rows = [np.fft.fftfreq(count, 1.0 / count).astype(np.int64) for count in self.lattice.counts]
-        rows[-1] = rows[-1][: len(rows[-1]) // 2 + 1]
-        half = spectrum[..., : len(rows[-1])] * (math.prod(self.shape) / math.prod(self.lengths))
-        if spline:
-            for axis, (row, count) in enumerate(zip(rows, self.shape, strict=True)):
-                half /= ((2.0 + np.cos(2.0 * math.pi / count * row)) / 3.0).reshape(-1, *[1] * (self.dim - 1 - axis))
-        padded = np.zeros((*self.shape[:-1], self.shape[-1] // 2 + 1), dtype=np.complex128)
-        padded[np.ix_(*rows)] = half
-        return np.asarray(irfftn(padded, s=self.shape, workers=cores()))
-
     @cached_property
     def _splines(self) -> list[Floats]:
         """Spline coefficients of the field of each term.
 
         In the plane, the last axis has length one.
         """
-        factors = (term.factor[self.lattice.which] for term in self.terms)
-        fields = (self._inverse(self.spectrum * factor, spline=True) for factor in factors)
+        made = self.correlation
+        factors = (term.factor[made.lattice.which] for term in made.terms)
+        fields = (made.inverse(made.spectrum * factor, spline=True) for factor in factors)
         return [field.reshape(*field.shape, *[1] * (3 - self.dim)) for field in fields]
 
     def climb(self, poses: _Poses, turn: bool) -> _Poses:
@@ -321,7 +295,7 @@ class _Score:
         Steps are in metres: along the axes, and for rotations the arc at the radius of gyration.
         """
         poses, slopes = self._scored(poses, turn)
-        spacing = float((self.lengths / self.lattice.counts).min())
+        spacing = float((self.lengths / self.correlation.lattice.counts).min())
         trust = np.full(len(slopes), 0.5 * spacing)
         sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
         inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
@@ -368,7 +342,7 @@ class _Score:
         places = np.zeros((len(arms), arms.shape[1], 3))
         places[..., : self.dim] = (poses.centers[:, None] - self.target.center + arms) * cells
         sums, scratch = np.zeros((len(arms), arms.shape[1], 4)), np.empty((3, 2, 4))
-        for term, spline in zip(self.terms, self._splines, strict=True):
+        for term, spline in zip(self.correlation.terms, self._splines, strict=True):
             add_slopes(spline, places, term.members, term.strengths, scratch, sums)
         scores, forces = sums[..., 0].sum(axis=1), sums[..., 1 : 1 + self.dim] * cells
         parts = [forces.sum(axis=1)]

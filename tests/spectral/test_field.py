@@ -1,20 +1,26 @@
 """Overlap fields on maps and in plans."""
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import planners
-from cspace import FREE, CSpace, InputError, Robot, Workspace, build
-from cspace.arrays import FIELD_NAMES
+from cspace import FREE, CSpace, Grid, InputError, Robot, Workspace, build
+from cspace.arrays import FIELD_NAME
 from cspace.rotations import Rotations
-from cspace.spectral import FourierOverlap, OverlapField
+from cspace.spectral import BallDescriptor, Bump, FourierOverlap, OverlapField
+from cspace.spectral.overlap import _CellValues, rotation_matrix
 from tests.handmade import map_in
 from tests.maps import same
 from tests.planning import make_state
 from tests.refusals import refusals
+from tests.spectral.test_overlap import compute_ideals
+from tests.strategies import seeds
 
 pytest.importorskip("finufft")
 
@@ -60,27 +66,44 @@ def field(case: tuple[CSpace, FourierOverlap]) -> OverlapField:
     return OverlapField.of(*case)
 
 
-@pytest.mark.parametrize("batch", [2**20, 300])
-def test_field_has_the_overlap_and_its_gradient_at_cell_centers(
-    case: tuple[CSpace, FourierOverlap], batch: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cspace.spectral.overlap.FIELD_CELLS_PER_BATCH", batch)
+def test_field_has_the_overlap_at_cell_centers(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
     space, overlap = case
-    field = OverlapField.of(space, overlap)
-    dim = space.grid.dim
-    rng = np.random.default_rng(0)
-    largest = field.values.max()
+    largest, cells = field.values.max(), np.argwhere(field.values > -1.0)
     assert largest > 1e-3
-    for _ in range(20):
-        number, *cell = (int(rng.integers(n)) for n in (field.values.size // space.grid.size, *space.grid.shape))
+    for index in np.random.default_rng(0).choice(cells, 20):
+        number, cell = (index[0], index[1:]) if space.rotations.names else (0, index)
         placed = overlap
         if space.rotations.names:
             placed = overlap.rotated(float(space.rotations.centers[:, 0][number]))
-        where = (number, *cell) if space.rotations.names else tuple(cell)
-        t = space.grid.center_of(cell)
-        assert field.values[where] == pytest.approx(placed.value(t), abs=1e-8 * largest)
-        slopes = [field.arrays[f"penetration_{axis}"][where] for axis in "xyz"[:dim]]
-        assert slopes == pytest.approx(placed.gradient(t), abs=1e-6 * largest / space.grid.spacing)
+        # Field and overlap have other periods, so that each leaves out other frequencies.
+        assert field.values[tuple(index)] == pytest.approx(
+            placed.value(space.grid.center_of(cell)), abs=2.1 * overlap.bound
+        )
+
+
+@settings(max_examples=30)
+@given(dim=st.sampled_from([2, 3]), seed=seeds)
+def test_values_of_cells_are_sums_over_pairs_of_balls_within_the_bound(dim: int, seed: int) -> None:
+    # The lattice may be coarser or finer than the band, and the grid may lie anywhere.
+    rng = np.random.default_rng(seed)
+    robot, obstacles = (
+        (rng.uniform(-0.4, 0.4, (n, dim)) + rng.uniform(-2.0, 2.0, dim), rng.choice([0.15, 0.25], n)) for n in (3, 4)
+    )
+    turn = Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
+    overlap = FourierOverlap(robot, obstacles, band=rng.choice([1.5, 6.0 if dim == 3 else 20.0])).rotated(turn)
+    spacing, shape = rng.choice([0.03, 0.1, 0.4] if dim == 2 else [0.1, 0.4]), rng.integers(1, 24, dim)
+    low, high = overlap.domain
+    grid = Grid(rng.uniform(low, high) - spacing * shape * rng.uniform(0.0, 1.0, dim), spacing, shape)
+    made, values = _CellValues(overlap, grid), np.zeros(grid.shape)
+    made.write(None, values)
+    cells = np.stack([rng.integers(n, size=30) for n in grid.shape], axis=1)
+    moved = (robot[0] @ rotation_matrix(turn, dim).T, robot[1])
+    ideal, error = compute_ideals(moved, obstacles, Bump(2.0), grid.center_of(cells))
+    assert np.abs(values[tuple(cells.T)] - ideal).max() <= made.overlap.bound * (1.0 + 2.0**-5) + error
+    # Sums over the band, ring by ring, agree to rounding.
+    series = made.overlap.value(grid.center_of(cells))
+    scale = math.prod(BallDescriptor(*balls).integral for balls in (robot, obstacles)) / math.prod(made.overlap.lengths)
+    assert np.abs(values[tuple(cells.T)] - series).max() <= 1e-8 * scale
 
 
 def test_field_is_linear_between_cell_centers(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
@@ -187,8 +210,8 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
     return space.with_overlap_field(overlap)
 
 
-def replace_field(space: CSpace, fields: Any = None) -> CSpace:
-    """Return the same map with other field arrays, or none."""
+def replace_field(space: CSpace, field: Any = None) -> CSpace:
+    """Return the same map with another field, or none."""
     options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
     states, counts = space._kernel_map.states.copy(), space.overlap_counts
     overlap_counts = None if counts is None else counts.reshape(states.shape)
@@ -198,7 +221,7 @@ def replace_field(space: CSpace, fields: Any = None) -> CSpace:
         states,
         space.rotations,
         overlap_counts=overlap_counts,
-        fields=fields or {},
+        field=field,
         **options,
     )
 
@@ -211,15 +234,13 @@ def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
     same(space, replace_field(with_field))
     assert space.overlap_field is None and with_field.overlap_field is not None
     assert with_field.overlap_field.space is with_field and with_field.overlap_field.values.max() > 0.0
-    assert list(with_field.overlap_field.arrays) == list(FIELD_NAMES[: 1 + space.grid.dim])
-    for name, array in with_field.overlap_field.arrays.items():
-        np.testing.assert_array_equal(array, expected.arrays[name])
-        with pytest.raises(ValueError, match="read-only"):
-            array[...] = 0.0
+    np.testing.assert_array_equal(with_field.overlap_field.values, expected.values)
+    with pytest.raises(ValueError, match="read-only"):
+        with_field.overlap_field.values[...] = 0.0
     assert with_field.clearance(with_field.nearest_free([0.0] * space.size)) == clearance
     assert (kind == "shared") == (len(space.rotations.names) and len(space._kernel_map.states) < len(space.rotations))
     again = build(with_field.workspace, with_field.robot, rotations=with_field.rotations)
-    assert again.overlap_field is None and not set(FIELD_NAMES) & set(again.to_xarray())
+    assert again.overlap_field is None and FIELD_NAME not in again.to_xarray()
 
 
 @pytest.mark.parametrize("kind", [*FIELD_KINDS, "turning"])
@@ -237,42 +258,38 @@ def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
     assert again.overlap_field is not None
 
 
-def make_arrays(
-    *names: str, shape: tuple[int, ...] = (3, 2), bad: float = 0.0, kind: type = np.float64
-) -> dict[str, Any]:
-    """Return zeros, except in the last array."""
-    arrays = {name: np.zeros(shape, kind) for name in names}
-    arrays[names[-1]].flat[-1] = bad
-    return arrays
+def make_values(shape: tuple[int, ...] = (3, 2), bad: float = 0.0, kind: type = np.float64) -> Any:
+    """Return zeros, except the last value."""
+    values = np.zeros(shape, kind)
+    values.flat[-1] = bad
+    return values
 
 
 @refusals(
-    "arrays, message",
-    (make_arrays("penetration"), "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
-    (make_arrays(*FIELD_NAMES), "penetration_z; of a map of 2 axes they must be"),
-    (make_arrays(*FIELD_NAMES[:2], "depth"), "fields are penetration, penetration_x, depth"),
-    (make_arrays(*FIELD_NAMES[:3], shape=(2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
-    (make_arrays(*FIELD_NAMES[:3], shape=(1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
-    (make_arrays(*FIELD_NAMES[:3], bad=np.nan), r"penetration_y\[2, 1\] is nan"),
-    (make_arrays(*FIELD_NAMES[:3], bad=np.inf), r"penetration_y\[2, 1\] is inf"),
-    (make_arrays(*FIELD_NAMES[:3], bad=-np.inf), r"penetration_y\[2, 1\] is -inf"),
-    (make_arrays(*FIELD_NAMES[:3], kind=np.float32), "type float32"),
+    "values, message",
+    (make_values((2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
+    (make_values((1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
+    (make_values(bad=np.nan), r"penetration\[2, 1\] is nan"),
+    (make_values(bad=np.inf), r"penetration\[2, 1\] is inf"),
+    (make_values(bad=-np.inf), r"penetration\[2, 1\] is -inf"),
+    (make_values(kind=np.float32), "type float32"),
 )
-def test_field_refuses_invalid_arrays(arrays: dict[str, Any], message: str) -> None:
+def test_field_refuses_invalid_values(values: Any, message: str) -> None:
     space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
-    for make in (lambda: replace_field(space, arrays), lambda: OverlapField(space, arrays)):
+    for make in (lambda: replace_field(space, values), lambda: OverlapField(space, values)):
         with pytest.raises(InputError, match=message):
             make()
 
 
 def test_field_refuses_to_exceed_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     space, overlap = build_scene("plane")
-    needed = 3 * 8 * space.grid.size
+    needed = 8 * space.grid.size
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: needed)
     with pytest.raises(InputError, match=r"the overlap field has 40 x 32 cells .* may be used.* use a spacing of"):
         space.with_overlap_field(overlap)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 2 * needed)
-    space.with_overlap_field(overlap)
+    with pytest.raises(InputError, match="the lattice of the overlap field"):
+        space.with_overlap_field(overlap)
 
 
 def test_second_field_replaces_the_first() -> None:

@@ -262,7 +262,7 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({}, {"covering_angle": np.zeros(4)}, "'covering_angle' does not match"),
     ({}, {"yaw_bounds": np.zeros((4, 2))}, "its parts make no map"),
     ({}, {"yaw_bounds": np.full((4, 2), np.nan)}, "its parts make no map"),
-    ({}, {"penetration": np.zeros((2, 4, 3))}, "its parts make no map"),
+    ({}, {"penetration": np.full((2, 4, 3), np.nan)}, "its parts make no map"),
     ({}, {"overlap_counts": np.zeros((2, 4, 3))}, "'overlap_counts' is float64"),
     *[
         ({}, {"shapes": np.frombuffer(text, np.int8)}, "'shapes' tells of no obstacles")
