@@ -284,10 +284,7 @@ class _Score:
 
         In the plane, the last axis has length one.
         """
-        made = self.correlation
-        factors = (term.factor[made.lattice.which] for term in made.terms)
-        fields = (made.inverse(made.spectrum * factor, spline=True) for factor in factors)
-        return [field.reshape(*field.shape, *[1] * (3 - self.dim)) for field in fields]
+        return [field.reshape(*field.shape, *[1] * (3 - self.dim)) for field in self.correlation.splines()]
 
     def climb(self, poses: _Poses, turn: bool) -> _Poses:
         """Move poses along the gradient to near maxima, by BFGS.

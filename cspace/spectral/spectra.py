@@ -322,9 +322,23 @@ class FrequencyLattice(NamedTuple):
         return cls(periods, counts, moduli, which.reshape(orthant.shape).astype(np.int32)[indices])
 
 
-def sum_terms(lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float) -> Complexes:
-    """Return the spectrum of terms around points (n, d), metres, to a tolerance; shape lattice.counts."""
-    return _LatticeSum(lattice, points / lattice.periods, 0.5 * tolerance).spectrum(terms)
+def sum_terms(
+    lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float, *, half: bool = False
+) -> Complexes:
+    """Return the spectrum of terms around points (n, d), metres, to a tolerance.
+
+    Its shape is ``lattice.counts``; with ``half``, only the frequencies whose last one is not negative are returned,
+    and counts must be odd.
+    """
+    found = _LatticeSum(lattice, points / lattice.periods, 0.5 * tolerance).spectrum(terms)
+    if half:
+        return found
+    whole = np.empty(lattice.which.shape, dtype=np.complex128)
+    last = found.shape[-1]
+    whole[..., :last] = found
+    others = np.roll(np.flip(found[..., 1:]), 1, axis=tuple(range(found.ndim - 1)))
+    np.conj(others, out=whole[..., last:])
+    return whole if whole.shape == lattice.counts else whole[np.ix_(*map(_frequency_indices, lattice.counts))]
 
 
 class Correlation:
@@ -351,7 +365,7 @@ class Correlation:
         self.lattice = FrequencyLattice.of(counts, lengths)
         self.terms = list(radial_terms(self.lattice, body.bump, body.radii, accuracy))
         balls = target.centers - target.center, target.radii, target.bump
-        self.spectrum = ball_spectrum(*balls, lengths, counts, accuracy, weights=weights)
+        self.spectrum = _first_half(ball_spectrum(*balls, lengths, counts, accuracy, weights=weights)).copy()
 
     def values(self, matrix: Floats, start: Floats | None = None) -> Floats:
         """Return the overlaps with A rotated, at all steps of the lattice.
@@ -359,64 +373,95 @@ class Correlation:
         ``start``, metres, is the place of the center of A relative to that of B at the first step; zero if left out.
         """
         moved = (self.body.centers - self.body.center) @ matrix.T
-        products = sum_terms(self.lattice, moved, self.terms, self._accuracy)
+        products = sum_terms(self.lattice, moved, self.terms, self._accuracy, half=True)
         np.multiply(self.spectrum, np.conj(products, out=products), out=products)
         if start is not None:
-            for axis, (count, share) in enumerate(zip(products.shape, start / self.lengths, strict=True)):
-                turns = _frequency_indices(count) * share
+            for axis, (count, share) in enumerate(zip(self.lattice.counts, start / self.lengths, strict=True)):
+                turns = _frequency_indices(count)[: products.shape[axis]] * share
                 phases = np.exp(2j * math.pi * (turns - np.round(turns)))
                 products *= phases.reshape(-1, *[1] * (products.ndim - 1 - axis))
-        return self.inverse(products)
+        return self._inverse(products)
 
-    def inverse(self, spectrum: Complexes, *, spline: bool = False) -> Floats:
-        """Return a function with a given spectrum.
+    def splines(self) -> Iterator[Floats]:
+        """Yield the coefficients of cubic splines, on the lattice, of the field that the balls of each term see."""
+        which = _first_half(self.lattice.which)
+        return (self._inverse(self.spectrum * term.factor[which], spline=True) for term in self.terms)
 
-        It has its values on the lattice, or the coefficients of its cubic spline there.
-        """
+    def _inverse(self, half: Complexes, *, spline: bool = False) -> Floats:
+        """Return the values on the lattice of a function with half a spectrum, or coefficients of its cubic spline."""
         from scipy.fft import irfftn
 
-        # Frequencies that differ by a multiple of the lattice's size are one on the lattice, so they are added.
-        for axis, size in reversed(list(enumerate(self.shape))):
-            source = np.moveaxis(np.fft.fftshift(spectrum, axes=axis), axis, 0)
-            folded = np.zeros((size, *source.shape[1:]), dtype=np.complex128)
-            indices = (np.arange(len(source)) - len(source) // 2) % size
-            for first in range(0, len(source), size):
-                folded[indices[first : first + size]] += source[first : first + size]
-            if spline:
-                weights = (2.0 + np.cos(2.0 * math.pi / size * np.arange(size))) / 3.0
-                folded /= weights.reshape(-1, *[1] * (folded.ndim - 1))
-            # The last axis needs half of the spectrum, because the function is real.
-            half = size // 2 + 1 if axis == len(self.shape) - 1 else size
-            spectrum = np.moveaxis(folded[:half], 0, axis)
+        # Frequencies that differ by a multiple of the lattice's size are one frequency there, so they are added.
+        for axis, (count, size) in enumerate(zip(self.lattice.counts[:-1], self.shape[:-1], strict=True)):
+            half = _fold(half, axis, count // 2 + 1, size)
+        size, shared = self.shape[-1], half[..., 0].copy()
+        half = _fold(half, half.ndim - 1, half.shape[-1], size)
+        if 2 * (self.lattice.counts[-1] // 2) >= size:  # the other half of the spectrum folds onto this one
+            others = half.copy()
+            others[..., 0] -= shared  # which is in both halves
+            half += _opposite(others).conj()
+        half = _first_half(half)
+        if spline:
+            for axis, size in enumerate(self.shape):
+                cosines = np.cos(2.0 * math.pi / size * np.arange(half.shape[axis]))
+                half /= ((2.0 + cosines) / 3.0).reshape(-1, *[1] * (half.ndim - 1 - axis))
         scale = math.prod(self.shape) / math.prod(self.lengths)
-        return np.asarray(irfftn(spectrum, s=self.shape, workers=cores())) * scale
+        return np.asarray(irfftn(half, s=self.shape, workers=cores(), overwrite_x=True)) * scale
+
+
+def _fold(spectrum: Complexes, axis: int, positive: int, size: int) -> Complexes:
+    """Add the frequencies along an axis that are equal modulo ``size``.
+
+    The first ``positive`` frequencies are 0, 1, ..., the others ..., -2, -1. The result has length ``size``.
+    """
+    folded = np.zeros((*spectrum.shape[:axis], size, *spectrum.shape[axis + 1 :]), dtype=np.complex128)
+    before = (slice(None),) * axis
+    for start in range(0, positive, size):
+        stop = min(positive, start + size)
+        folded[*before, : stop - start] += spectrum[*before, start:stop]
+    for stop in range(spectrum.shape[axis], positive, -size):
+        start = max(positive, stop - size)
+        folded[*before, size - (stop - start) :] += spectrum[*before, start:stop]
+    return folded
+
+
+def _first_half(spectrum: NDArray[Any]) -> NDArray[Any]:
+    """Select the frequencies of a spectrum whose last one is not negative."""
+    return spectrum[..., : spectrum.shape[-1] // 2 + 1]
+
+
+def _opposite(spectrum: Complexes) -> Complexes:
+    """Return a spectrum in the order of numpy.fft with each frequency moved to its opposite."""
+    return np.roll(np.flip(spectrum), 1, axis=tuple(range(spectrum.ndim)))
 
 
 class _LatticeSum:
-    """Half of a spectrum, to which terms are added.
+    """Sum of terms, for the frequencies whose last one is not negative.
 
-    It is the sum X that makes the spectrum ``X(w) + conj(X(-w))``. A descriptor is real, so ``F(-w)`` is the conjugate
-    of ``F(w)``. With strengths ``a + i b``, one transform G holds the transforms A and B of two real terms. With radial
-    factors g and h, ``g A + h B`` is ``X(w) + conj(X(-w))`` for ``X = G (g - i h) / 2``. So the X of all pairs are
-    summed and mirrored once. Points are given in periods.
+    A descriptor is real, so ``F(-w)`` is the conjugate of ``F(w)``. With strengths ``a + i b``, one transform G holds
+    the transforms A and B of two real terms. With radial factors g and h, ``g A + h B`` is ``X(w) + conj(X(-w))`` for
+    ``X = G (g - i h) / 2``. So the X of all pairs are summed and mirrored once. Points are given in periods.
     """
 
     def __init__(self, lattice: FrequencyLattice, shares: Floats, tolerance: float) -> None:
         self._shares = shares - np.round(shares)
-        self._counts, self._which, self._tolerance = lattice.counts, lattice.which, tolerance
-        self._half = np.zeros(lattice.which.shape, dtype=np.complex128)
+        self._which, self._tolerance = lattice.which, tolerance
+        self._transforms: Complexes | None = None
+        self._sums = np.zeros(_first_half(lattice.which).shape, dtype=np.complex128)
         self._current_points: NDArray[np.intp] | None = None
         self._summed_points: NDArray[np.intp] | None = None
 
     def spectrum(self, terms: Iterable[Term]) -> Complexes:
-        """Return the spectrum, ``X(w) + conj(X(-w))``.
+        """Return half of the spectrum.
 
         Terms of few points are summed, the others transformed in pairs.
         """
         waiting: Term | None = None
         for term in terms:
-            if len(term.members) <= MAX_SUMMED_BALLS[len(self._counts)]:
-                self._add(self._sum_waves(term), 0.5 * term.factor)
+            if len(term.members) <= MAX_SUMMED_BALLS[self._which.ndim]:
+                waves = self._sum_waves(term)
+                waves *= term.factor[_first_half(self._which)]
+                self._sums += waves
             elif waiting is None:
                 waiting = term
             else:
@@ -424,18 +469,19 @@ class _LatticeSum:
                 waiting = None
         if waiting is not None:
             self._transform(waiting, Term(waiting.members[:0], waiting.strengths[:0], np.zeros_like(waiting.factor)))
-        total = np.roll(np.flip(self._half), 1, axis=tuple(range(self._half.ndim)))  # moves -k to k
-        np.add(self._half, np.conj(total, out=total), out=total)
-        return total if total.shape == self._counts else total[np.ix_(*map(_frequency_indices, self._counts))]
+        if self._transforms is not None:
+            self._sums += _first_half(self._transforms)
+            self._sums += _first_half(_opposite(self._transforms)).conj()
+        return self._sums
 
     @cached_property
     def _plan(self) -> Any:
         """Plan of the non-uniform transforms."""
         demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * self._tolerance)
         finer = _upsampling_factor(demanded)
-        threads = _threads(self._half.size * finer**self._half.ndim)
+        threads = _threads(self._which.size * finer**self._which.ndim)
         options = {"eps": demanded, "isign": -1, "modeord": 1, "nthreads": threads, "upsampfac": finer}
-        return finufft_module().Plan(1, self._half.shape, dtype="complex128", **options)
+        return finufft_module().Plan(1, self._which.shape, dtype="complex128", **options)
 
     def _transform(self, first: Term, second: Term) -> None:
         """Add two terms by one complex transform."""
@@ -449,7 +495,9 @@ class _LatticeSum:
             self._angles = (2.0 * math.pi * self._shares[points]).T.copy()  # the plan does not keep them alive
             self._plan.setpts(*self._angles)
             self._current_points = points
-        self._add(self._plan.execute(strengths), 0.5 * (first.factor - 1j * second.factor))
+        waves = self._plan.execute(strengths)
+        waves *= (0.5 * (first.factor - 1j * second.factor))[self._which]
+        self._transforms = waves if self._transforms is None else self._transforms + waves
 
     def _sum_waves(self, term: Term) -> Complexes:
         """Sum the waves of a term.
@@ -459,23 +507,16 @@ class _LatticeSum:
         """
         if term.members is not self._summed_points:  # terms of a basis share their points
             self._summed_points = term.members
-            shape: tuple[int, ...] = self._half.shape
+            indices = [_frequency_indices(count) for count in self._which.shape]
+            indices[-1] = _first_half(indices[-1])
             first, *rest = (
-                np.exp(-2j * math.pi * _frequency_indices(m)[:, None] * column)
-                for m, column in zip(shape, self._shares[term.members].T, strict=True)
+                np.exp(-2j * math.pi * numbers[:, None] * column)
+                for numbers, column in zip(indices, self._shares[term.members].T, strict=True)
             )
             others = rest[0] if len(rest) == 1 else (rest[0][:, None] * rest[1]).reshape(-1, len(term.members))
             self._factors = first, others
         first, others = self._factors
-        return np.asarray(((first * term.strengths) @ others.T).reshape(self._half.shape))
-
-    def _add(self, waves: Complexes, factor: Floats | Complexes) -> None:
-        """Add waves times a radial factor.
-
-        ``waves`` has the shape of the spectrum, ``factor`` shape (moduli,).
-        """
-        waves *= factor[self._which]
-        self._half += waves
+        return np.asarray(((first * term.strengths) @ others.T).reshape(self._sums.shape))
 
 
 def _frequency_indices(count: int) -> NDArray[np.intp]:
