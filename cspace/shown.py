@@ -108,7 +108,7 @@ class SpaceView:
         start, goal : array-like, shape (size,), optional
             Initial start and goal; by default the endpoints of the path, or FREE configurations far apart.
         frame : str, optional
-            Frame of an arm that users drag to a pose; by default the last one beyond most joints, such as ``"tool0"``.
+            Frame of an arm that users drag, such as ``"tool0"``; by default the frame that the most joints move.
         host : str
             Address to serve on, by default "127.0.0.1". Whoever can reach it can plan on the page and move it.
         port : int, optional

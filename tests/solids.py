@@ -77,11 +77,11 @@ class ArmOracle:
         names, self._solids = zip(*placed, *((link, solid) for link, _, solid in self._parts), strict=True)
         free = [{name} for name in names] + [set(pair) for pair in allowed]
         pairs = [(k, n) for n in range(len(placed), len(names)) for k in range(n) if {names[k], names[n]} not in free]
-        self._pairs = np.array(pairs).reshape(-1, 2)
+        self._names, self._pairs = names, np.array(pairs).reshape(-1, 2)
         self._reach = np.array([solid.radius for solid in self._solids])[self._pairs].sum(axis=1)
 
-    def apart(self, q: Any) -> float:
-        """Return the minimum distance of pairs that may not touch."""
+    def apart(self, q: Any, pair: tuple[str, str] | None = None) -> float:
+        """Return the minimum distance of pairs that may not touch, or of the pair with two names."""
         values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
         self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
         poses = {link: self._urdf.get_transform(link) for link in {link for link, *_ in self._parts}}
@@ -91,6 +91,8 @@ class ArmOracle:
         centers = np.array([solid.getTranslation() for solid in self._solids])[self._pairs]
         gaps = np.linalg.norm(centers[:, 0] - centers[:, 1], axis=1) - self._reach
         least = np.inf
+        if pair is not None:
+            gaps[[{self._names[k], self._names[n]} != set(pair) for k, n in self._pairs]] = np.inf
         for k in np.argsort(gaps):
             if gaps[k] >= least or least == 0.0:  # all other pairs are farther apart
                 break

@@ -12,6 +12,8 @@ from cspace.files.polygons import join_surfaces, transform_surface
 from cspace.plot import artists
 from cspace.plot.route import Look, check_path, collect_marks, find_lost_steps
 from cspace.plot.surface import SURFACES, Painting, find_lost_stretches, split_into_polygons
+from cspace.shapes.balls import Balls
+from cspace.shapes.shape import ExactShape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,6 +38,12 @@ _FRAMED_CONFIGURATIONS: Final = 24
 class ArmFigure:
     """The surfaces of an arm and of its obstacles.
 
+    Parameters
+    ----------
+    space : ArmSpace
+    max_balls : float
+        Obstacles of more balls of one radius, such as scans, have their centers as vertices, and no triangles.
+
     Attributes
     ----------
     links : dict of str to Surface
@@ -48,7 +56,7 @@ class ArmFigure:
         The link that the most joints move.
     """
 
-    def __init__(self, space: Any) -> None:
+    def __init__(self, space: Any, max_balls: float = math.inf) -> None:
         self._arm = arm = space.arm
         self.links = {}
         for link in arm.links:
@@ -57,7 +65,8 @@ class ArmFigure:
                 [transform_surface(part.shape.outer.surface, back @ part.pose) for part in link.parts]
             )
         self.obstacles = {
-            name: transform_surface(each.shape.outer.surface, each.pose) for name, each in space.obstacles.items()
+            name: transform_surface(_surface(each.shape.outer, max_balls), each.pose)
+            for name, each in space.obstacles.items()
         }
         self.moving = [link.name for link in arm.links if link.body]
         depth = [0]
@@ -86,6 +95,13 @@ class ArmFigure:
         The result has shape (n, 3).
         """
         return np.asarray(self._arm.pose(points, self.tip)[..., :3, :] @ self._tip_center)
+
+
+def _surface(shape: ExactShape, max_balls: float) -> Surface:
+    """Return the surface of an exact shape; of many balls of one radius, the centers without triangles."""
+    if isinstance(shape, Balls) and len(shape.radii) > max_balls and not np.ptp(shape.radii):
+        return shape.centers, np.empty((0, 3), dtype=np.int64)
+    return shape.surface
 
 
 def joint_lengths(points: Floats) -> Floats:

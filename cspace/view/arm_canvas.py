@@ -40,6 +40,10 @@ MARK_OPACITY: Final = 0.35
 """Opacity of the arms at start and goal."""
 GHOST_OPACITY: Final = 0.2
 """Opacity of the arms along a path."""
+MAX_MESHED_BALLS: Final = 500
+"""Largest number of balls that are drawn as a mesh; more are drawn as points."""
+MIN_POINT_SHARE: Final = 1e-3
+"""Smallest size of a point, as a share of the longest side of its cloud."""
 TOOL_SIZE_SHARE: Final = 0.2
 """Length of the axes of the tool frame, as a share of the longest side of the box around the arm."""
 _STEP_DEGREES: Final = 0.1
@@ -78,8 +82,20 @@ class ArmCanvas(Canvas):
         samples = sample_free_configurations(space, np.zeros(space.size).clip(space.arm.lower, space.arm.upper))
         super().__init__(server, space, farthest_pair(samples, samples) | given)
         space._check_configurations(points, "path")
-        arm = space.arm
-        self._figure = ArmFigure(space)
+        self._describe_panel()
+        self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
+        self._ghosts: list[Any] = []
+        self._shows_ghosts = self._shows_marks = True
+        self._marks = dict(self.endpoints)
+        self.robot = self.endpoints["start"]
+        self._nodes: list[str] = []
+        self._is_stale = False
+        self._draw_bodies()
+        self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
+
+    def _describe_panel(self) -> None:
+        """Set the title, the dials and the legend."""
+        space, arm = self._space, self._space.arm
         self.joint_units = " or ".join(dict.fromkeys(arm.units))
         limits = zip(arm.joints, arm.max_velocity.tolist(), strict=True)
         self.unlimited = tuple(joint for joint, limit in limits if math.isinf(limit))
@@ -108,18 +124,6 @@ class ArmCanvas(Canvas):
         self.legend += [(STATE_COLORS[BLOCKED], "arm, BLOCKED"), (KINDS["obstacles"].color, "obstacle")]
         self.legend += [(GHOST_COLOR, "arm along the path"), (CONTACT_COLOR, "closest pair")]
         self.legend += [(UNREACHED_COLOR, "from the tool frame to a pose out of reach")]
-        for name, surface in self._figure.obstacles.items():
-            self._add_mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
-        self._links = {"robot": self._add_links("robot", self._figure.links, ROBOT_FILL_COLOR, 1.0)}
-        self._links |= {
-            name: self._add_links(name, self._figure.moving, color, MARK_OPACITY) for name, color in MARKS.items()
-        }
-        self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
-        self._ghosts: list[Any] = []
-        self._shows_ghosts = self._shows_marks = True
-        self._marks: dict[str, Floats] = {}
-        self.robot = self.endpoints["start"]
-        self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
 
     # ---- configurations ----------------------------------------------------------------------------------------------
 
@@ -168,6 +172,37 @@ class ArmCanvas(Canvas):
         return "**The straight motion is free: proven.**" if free else "The straight motion is not proven free."
 
     # ---- drawing -----------------------------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw arm and obstacles again after a change of the scene."""
+        if self._is_stale:
+            self._is_stale = False
+            self._draw_bodies()
+
+    def invalidate(self) -> None:
+        """Make :meth:`draw` redraw everything, because the scene has changed."""
+        self._is_stale = True
+
+    def _draw_bodies(self) -> None:
+        """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
+        space, color = self._space, KINDS["obstacles"].color
+        self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
+        with self._server.atomic():
+            for node in self._nodes:
+                self._server.scene.remove_by_name(node)
+            for name, surface in figure.obstacles.items():
+                if len(surface[1]):
+                    self._add_mesh(f"/obstacles/{name}", surface, color)
+                else:
+                    self._add_cloud(f"/obstacles/{name}", surface[0], float(space.obstacles[name].shape.outer.radii[0]))
+            self._links = {"robot": self._add_links("robot", figure.links, ROBOT_FILL_COLOR, 1.0)}
+            for name, mark_color in MARKS.items():
+                self._links[name] = self._add_links(name, figure.moving, mark_color, MARK_OPACITY)
+            self._nodes = [f"/obstacles/{name}" for name in figure.obstacles]
+            self._nodes += [f"/{name}/{link}" for name, links in self._links.items() for link in links]
+            self._pose_arm("robot", self.robot)
+            for name, q in self._marks.items():
+                self.mark(name, q)
 
     def place(self, q: Floats) -> None:
         """Move the arm, and its tool frame with it."""
@@ -249,6 +284,25 @@ class ArmCanvas(Canvas):
             receive_shadow=False,
             visible=self._shows_ghosts,
         )
+
+    def _add_cloud(self, name: str, centers: Floats, radius: float) -> None:
+        """Draw balls of one radius as round points, which browsers draw far faster than meshes.
+
+        Points get lighter away from the base, because they have no shading.
+        """
+        distances = np.linalg.norm(centers, axis=1)
+        shares = (distances - distances.min()) / max(float(np.ptp(distances)), np.finfo(float).tiny)
+        lightness = np.interp(shares, (0.0, 1.0), (0.8, 1.6))
+        size = max(radius, MIN_POINT_SHARE * float(np.ptp(centers, axis=0).max()))
+        points = self._server.scene.add_point_cloud(
+            name,
+            centers.astype(np.float32),
+            (lightness[:, np.newaxis] * rgb(KINDS["obstacles"].color)).clip(0, 255).astype(np.uint8),
+            point_size=size,  # viser's size is a radius on the screen
+            point_shape="circle",
+            precision="float32",
+        )
+        self.bytes += points.points.nbytes
 
     def _draw_line(self, name: str, ends: Floats, color: str) -> None:
         """Draw a line between two points, shape (2, 3)."""

@@ -534,6 +534,8 @@ class Page:
         """Give the path of an arm's plan times, within the limits of the panel."""
         source: Any = self._source
         self.trajectory = source if hasattr(source, "sample") else None
+        for limit in (self.panel.max_acceleration, self.panel.max_velocity):
+            limit.disabled = self.trajectory is not None  # it has times already
         if hasattr(source, "trajectory") and self._canvas.tool is not None and len(self._path):
             speed = float(self.panel.max_velocity.value)
             self.trajectory = source.trajectory(

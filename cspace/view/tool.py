@@ -33,7 +33,7 @@ class ToolFrame:
     size : float
         Length of the axes that users drag, metres.
     name : str, optional
-        Default: the last frame, attached objects left out, of those that the most joints move.
+        Default: the frame that the most joints move; the last one in a tie. Attached objects are skipped.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class ToolFrame:
     """
 
     def __init__(self, space: Any, server: ViserServer, size: float, name: str | None = None) -> None:
-        arm = self._arm = space.arm
+        arm = space.arm
         self._space, self.is_held, self.pose = space, False, np.eye(4)
         counts = {frame: _count_joints(arm, frame) for frame in arm.frames}
         self.frames = tuple(frame for frame, count in counts.items() if count)
@@ -75,17 +75,17 @@ class ToolFrame:
 
         By default only its position matters if fewer than six joints move it.
         """
-        few = _count_joints(self._arm, name) < MIN_POSE_JOINTS
+        few = _count_joints(self._space.arm, name) < MIN_POSE_JOINTS
         self.name, self.position_only = name, few if position_only is None else position_only
         self._gizmo.disable_rotations = self.position_only
 
     def follow(self, q: Floats) -> None:
         """Move the gizmo to the frame at a configuration, except during a drag."""
         if not self.is_held:
-            self.move(self._arm.pose(q, self.name))
+            self.move(self._space.arm.pose(q, self.name))
 
     def move(self, pose: Floats) -> None:
-        """Move the gizmo to a pose."""
+        """Move the gizmo to a pose, shape (4, 4)."""
         self.pose = pose
         self._gizmo.position, self._gizmo.wxyz = pose[:3, 3], _quaternion(pose)
 
@@ -110,7 +110,7 @@ class ToolFrame:
 
         def find(count: int) -> Floats:
             return np.asarray(
-                self._arm.inverse(goal.frame, goal.pose, tolerance=goal.tolerance, near=near, max_solutions=count)
+                self._space.arm.inverse(goal.frame, goal.pose, tolerance=goal.tolerance, near=near, max_solutions=count)
             )
 
         try:

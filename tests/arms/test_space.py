@@ -109,6 +109,26 @@ def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
         assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(oracle.apart(q), rel=1e-3, abs=1e-5)
 
 
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[ArmSpace, ArmOracle]]:
+    return [draw_scene(tmp_path_factory.mktemp("scene"), seed)[:2] for seed in range(4)]
+
+
+@given(number=st.integers(0, 3), shares=st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4))
+@settings(max_examples=200)
+def test_closest_names_the_nearest_pair_and_bounds_its_distance(
+    scenes: list[tuple[ArmSpace, ArmOracle]], number: int, shares: list[float]
+) -> None:
+    space, oracle = scenes[number]
+    lower, upper = np.maximum(space.arm.lower, -np.pi), np.minimum(space.arm.upper, np.pi)
+    q = lower + np.array(shares[: space.arm.dof]) * (upper - lower)
+    contact = space.closest(q)
+    least = oracle.apart(q)
+    assert oracle.apart(q, contact[:2]) <= least * (1.0 + 1e-3) + 1e-5
+    assert contact.distance <= least + 1e-6
+    assert contact.distance >= least * (1.0 - 1e-3) - 1e-5
+
+
 def test_folding_links_collide(tmp_path: Path) -> None:
     """Fold three links until the first and the last touch."""
     bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))

@@ -99,6 +99,30 @@ def test_page_shows_plans_and_proofs(shown: Any) -> None:
     assert space.is_free(GOAL)
 
 
+def test_refresh_draws_the_scene_as_it_is_now(tmp_path: Path) -> None:
+    space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path)))
+    scan = np.random.default_rng(0).uniform((-2.0, -2.0, 0.3), (2.0, 2.0, 0.5), (1000, 3))
+    with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
+        viewer.page.move(np.array([0.3, 0.7]))
+        space.remove_obstacle("post")
+        space.add_obstacle("scan", scan, radius=0.02)
+        space.attach("ball", cspace.Robot.ball(0.1), "fore", pose_at(1.0, 0.0))
+        viewer.refresh()
+        assert viewer.page.wait(60.0)
+        assert not node(viewer, "/obstacles/post")
+        cloud = node(viewer, "/obstacles/scan")  # as points: meshes of many balls are slow in a browser
+        np.testing.assert_allclose(cloud.points, scan, atol=1e-6)
+        assert cloud.point_size == pytest.approx(0.02)
+        tip = np.array([math.cos(0.3) + math.cos(1.0), math.sin(0.3) + math.sin(1.0), 0.0])
+        np.testing.assert_allclose(place_corners(node(viewer, "/robot/ball")).mean(axis=0), tip, atol=1e-6)
+        assert node(viewer, "/goal/ball")
+        assert "and scan" in viewer.page.panel.state.content
+        space.detach("ball")
+        viewer.refresh()
+        assert viewer.page.wait(60.0)
+        assert not node(viewer, "/robot/ball") and not node(viewer, "/start/ball")
+
+
 def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
     bar = ((0.3, 0.1, 0.1), (0.15, 0, 0))
     arm = cspace.Arm.from_urdf(

@@ -206,7 +206,7 @@ def test_a_page_opens_with_a_plan_or_a_trajectory_of_an_arm(space: cspace.ArmSpa
     for shown in (plan, given, plan.path):
         with space.view(block=False, port=0, path=shown) as viewer:
             trajectory = viewer.page.trajectory
-            assert (trajectory is given) == (shown is given)
+            assert (trajectory is given) == (shown is given) == viewer.page.panel.max_acceleration.disabled
             assert (trajectory is None) == (shown is plan.path)
             viewer.page.go(0.4)
             assert viewer.page.wait(60.0)
