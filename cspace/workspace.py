@@ -685,8 +685,8 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Read the obstacles of a MoveIt planning scene.
 
-        Boxes, spheres, cylinders, cones, meshes and planes are read, in the frame of their headers. If these differ,
-        ``fixed_frame_transforms`` must lead to one frame. Cylinders and cones lie between two polyhedra, as
+        Boxes, spheres, cylinders, cones, meshes and planes are read, in the frame to which ``fixed_frame_transforms``
+        lead from the frames of their headers; it must be one. Cylinders and cones lie between two polyhedra, as
         :meth:`cspace.Robot.cylinder` does. A plane is a surface without an inside and ends where the bounds do.
 
         Parameters
@@ -713,12 +713,12 @@ class Workspace(WorkspacePlot):
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace.shapes.scenes import read_moveit_scene
+        from cspace.shapes.scenes import read_scene_shapes
 
         check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
         ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0))))
-        shapes = [part.moved() for part in read_moveit_scene(path, ball, package_dirs)]
+        shapes = [part.moved() for part in read_scene_shapes(path, ball, package_dirs)]
         return cls._of_shapes(shapes, spacing, box, str(path), "planning scene")
 
     @classmethod

@@ -2,18 +2,32 @@
 
 from cspace.arms.inverse import PoseGoal
 from cspace.arms.joint_map import build_joint_map
-from cspace.arms.model import Arm
+from cspace.arms.model import Arm, JointValues
+from cspace.arms.moveit import (
+    AttachedObject,
+    JointGoal,
+    MotionPlanRequest,
+    PlanningScene,
+    read_moveit_request,
+    read_moveit_scene,
+)
 from cspace.arms.snapshots import Contact
-from cspace.arms.solids import PosedShape, read_moveit_scene
+from cspace.arms.solids import PosedShape
 from cspace.arms.space import ArmSpace, build_arm_space
 
 __all__ = [
     "Arm",
     "ArmSpace",
+    "AttachedObject",
     "Contact",
+    "JointGoal",
+    "JointValues",
+    "MotionPlanRequest",
+    "PlanningScene",
     "PoseGoal",
     "PosedShape",
     "build_arm_space",
     "build_joint_map",
+    "read_moveit_request",
     "read_moveit_scene",
 ]

@@ -50,6 +50,14 @@ _FIRST_SAMPLES: Final = 4
 """Configurations tested first, because most pairs are apart in one of them."""
 
 
+class JointValues(dict[str, float]):
+    """Values of all joints of a robot by name, radians or metres, such as a robot's state in a file.
+
+    :meth:`Arm.configuration` takes those of joints that move, and ``Arm.from_urdf(held_joints=)`` those of others. Both
+    skip joints that mimic others, and refuse unknown joints.
+    """
+
+
 class Frame(NamedTuple):
     """A frame that moves with a body: that of a link or an attached object.
 
@@ -131,6 +139,8 @@ class Arm:
         Joints of each group of the SRDF, in the order of a configuration.
     end_effectors : dict of str to EndEffector
         End effectors of the SRDF, each with ``parent_link``, ``group`` and ``parent_group``.
+    held_joints : dict of str to float
+        Values of joints that do not move, radians or metres, without joints that mimic others.
     """
 
     name: str
@@ -145,6 +155,8 @@ class Arm:
     _frames: dict[str, Frame]
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
     end_effectors: dict[str, EndEffector] = field(default_factory=dict)
+    held_joints: dict[str, float] = field(default_factory=dict)
+    _passive: frozenset[str] = frozenset()
     _states: dict[str, dict[str, float]] = field(default_factory=dict)
     _carriers: dict[str, str] = field(default_factory=dict)
 
@@ -184,7 +196,7 @@ class Arm:
             Only these joints move: a group of the SRDF, or names of joints. Not together with ``tip``.
         held_joints : mapping of str to float, optional
             Values of joints that do not move, radians or metres. By default they are at zero, or at their nearest
-            limit.
+            limit. Of :class:`cspace.arms.JointValues`, those of other joints are skipped.
         solid : {"auto", "surface"}
             Parts of the meshes that are solid: their closed bodies, or none. ``"fill"`` needs a spacing, which arms do
             not have.
@@ -393,7 +405,8 @@ class Arm:
         ----------
         values : mapping of str to float, or str, optional
             Values of joints, radians or metres, such as ``{"elbow": 1.0}``; or a group state of the SRDF, such as
-            ``"panda_arm/ready"``, or ``"ready"`` if only one group has a state of that name.
+            ``"panda_arm/ready"``, or ``"ready"`` if only one group has a state of that name. Of
+            :class:`cspace.arms.JointValues`, those of other joints are skipped.
         base : array-like, shape (dof,), or str, optional
             Configuration that gives the values of all other joints; or a group state. By default they are at zero, or
             at their nearest limit.
@@ -405,7 +418,8 @@ class Arm:
         Raises
         ------
         InputError
-            If a joint or state is unknown, or a value is not one finite number.
+            If a joint or state is unknown, or a value is not one finite number. If :class:`cspace.arms.JointValues`
+            have a joint elsewhere than the arm holds it, or lack one of :attr:`joints` without a ``base``.
         ConfigurationError
             If a value is more than 1e-5 rad (m) beyond the joint's limits.
         """
@@ -418,9 +432,26 @@ class Arm:
             raise InputError("base", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=base)
         self._check_limits(q, "base")
         given = self._state(values, "values") if isinstance(values, str) else {} if values is None else values
+        if isinstance(given, JointValues):
+            given = self._select(given, base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
         self._check_limits(moved, "values")
         return moved
+
+    def _select(self, values: JointValues, all_joints: bool) -> dict[str, float]:
+        """Return the values of joints that move; raise InputError if the others are unknown or held elsewhere."""
+        known = *self.joints, *self.held_joints, *sorted(self._passive)
+        checked = check_joint_values(values, "values", known)
+        for joint, held in self.held_joints.items():
+            value = checked.get(joint, held)
+            if abs(value - held) > LIMIT_SLACK:
+                problem, hint = f"has {joint} at {value:.12g}", "pass these values as held_joints= to Arm.from_urdf"
+                raise InputError("values", problem, f"the arm holds it at {held:.12g}", hint, value=value)
+        missing = [joint for joint in self.joints if joint not in checked]
+        if missing and all_joints:
+            rule = "they are values of all joints of a robot"
+            raise InputError("values", f"lack {', '.join(missing)}", rule, "pass base= with the others", value=values)
+        return {joint: checked[joint] for joint in self.joints if joint in checked}
 
     @property
     def _rest(self) -> Floats:
@@ -739,11 +770,15 @@ class _Assembly:
             for joint in self._order
             if joint.kind != FIXED and joint.leader == joint.name and joint.name not in self._moving
         ]
+        if isinstance(values, JointValues):
+            check_joint_values(values, "held_joints", self._joints)
+            values = {name: values[name] for name in names if name in values}
         if values and not names:
             problem, hint = f"names {', '.join(map(str, values))}", "pass joints= or tip=, which say what moves"
             raise InputError("held_joints", problem, "no joint is held", hint, value=values)
-        self._held = check_joint_values(values, "held_joints", names)
-        for name, value in self._held.items():
+        given = check_joint_values(values, "held_joints", names)
+        self._held = {name: given.get(name, _rest_value(self._joints[name])) for name in names}
+        for name, value in given.items():
             joint = self._joints[name]
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
                 rule = f"its limits are {joint.lower:.12g} and {joint.upper:.12g}"
@@ -780,6 +815,8 @@ class _Assembly:
             np.array([self._max_velocity(name) for name in self._moving]),
             {name: Frame(*frame) for name, frame in bodies.items()},
         )
+        passive = self._joints.keys() - {*self._moving, *self._held}
+        arm = replace(arm, held_joints=self._held, _passive=frozenset(passive))
         if srdf is None:
             return replace(arm, allowed_collisions=self._default_allowed(arm))
         return replace(
@@ -822,7 +859,7 @@ class _Assembly:
         from scipy.spatial.transform import Rotation
 
         leader = self._joints[joint.leader]
-        position = self._held.get(leader.name, float(np.clip(0.0, leader.lower, leader.upper)))
+        position = self._held.get(leader.name, _rest_value(leader))
         value = joint.factor * position + joint.offset
         pose = np.eye(4)
         if joint.kind == REVOLUTE:
@@ -867,6 +904,11 @@ class _Assembly:
         return Chain(
             parents, frames, axes, kinds, numbers, factors, offsets, between, (between * link_lengths).sum(axis=2)
         )
+
+
+def _rest_value(joint: Joint) -> float:
+    """Return zero, or the limit next to zero."""
+    return float(np.clip(0.0, joint.lower, joint.upper))
 
 
 def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:

@@ -7,24 +7,21 @@ import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
+from typing import ClassVar, Final, NamedTuple, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.hulls import Hulls, build_hulls
-from cspace.arrays import Floats, Ints, StrPath
-from cspace.check import check_finite, check_positive
+from cspace.arrays import Floats, Ints
+from cspace.check import check_finite
 from cspace.errors import InputError
 from cspace.exact.boundaries import as_triangles, part_anchors
 from cspace.exact.triangles import Trees, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, RoundedSimplices, Shape, ShapeLike, Voxels, as_shape
 from cspace.workspace import Workspace
-
-if TYPE_CHECKING:
-    from cspace.files.urdf import PackageDirs
 
 PROBES_PER_PART: Final = 60
 """Approximate number of corners and inner points of each part that are sought in others, to prove collisions."""
@@ -249,40 +246,6 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
     matrix = matrix.copy()
     matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
     return matrix
-
-
-def read_moveit_scene(
-    path: StrPath, *, plane_radius: float | None = None, package_dirs: PackageDirs = ()
-) -> dict[str, PosedShape]:
-    """Read the obstacles of a MoveIt planning scene, for :func:`cspace.build_arm_space`.
-
-    Parameters
-    ----------
-    path : path-like
-        As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
-    plane_radius : float, optional
-        Metres around the origin of the scene. A square replaces each plane and covers it within this radius. Required
-        if the scene has planes; it should exceed the arm's reach.
-    package_dirs : path-like, or sequence of path-like
-        Folders that contain the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
-
-    Returns
-    -------
-    dict of str to PosedShape
-        Shapes by the id of their collision object, in the frame of the scene. Several shapes of one object are named
-        ``id/0``, ``id/1`` and so on.
-
-    Raises
-    ------
-    FileError, GeometryError
-        As :meth:`cspace.Workspace.from_moveit_scene`.
-    InputError
-        If ``plane_radius`` is not above zero.
-    """
-    from cspace.shapes.scenes import read_moveit_scene
-
-    ball = None if plane_radius is None else (np.zeros(3), check_positive(plane_radius, "plane_radius"))
-    return {part.name: PosedShape(part.shape, part.pose) for part in read_moveit_scene(path, ball, package_dirs)}
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
+from cspace.arms.moveit import PlanningScene, find_base_pose
 from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free
 from cspace.arms.snapshots import MIN_MOTIONS_PER_THREAD, Contact, Snapshot, make_snapshot
 from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_obstacle, place_shape
@@ -770,7 +771,7 @@ def _collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationE
 
 
 def build_arm_space(
-    obstacles: Workspace | Mapping[str, Workspace | PosedShape | ShapeLike],
+    obstacles: Workspace | PlanningScene | Mapping[str, Workspace | PosedShape | ShapeLike],
     arm: Arm,
     *,
     allowed_collisions: Iterable[tuple[str, str]] = (),
@@ -784,11 +785,13 @@ def build_arm_space(
 
     Parameters
     ----------
-    obstacles : Workspace, or mapping of str to Workspace, PosedShape or shape
+    obstacles : Workspace, PlanningScene, or mapping of str to Workspace, PosedShape or shape
         Obstacles in space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
         :meth:`CSpace.add_obstacle` takes. A single workspace is called ``"workspace"``. A workspace made from a mesh or
         point cloud is used exactly, any other by its cells; everything beyond the grid is free. Unknown cells are
-        obstacles where ``outer`` is set, and never prove a configuration BLOCKED.
+        obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A planning scene of
+        :func:`cspace.arms.read_moveit_scene` also attaches its objects and pads links; if it has an allowed collision
+        matrix, that replaces :attr:`Arm.allowed_collisions`.
     arm : Arm
     allowed_collisions : iterable of pairs of str
         A link, and an obstacle or link that it may touch, in addition to :attr:`Arm.allowed_collisions`.
@@ -797,7 +800,8 @@ def build_arm_space(
     padding : mapping of str to float, optional
         Metres, by link or obstacle, that are added to the margin between links and obstacles.
     base_pose : array-like, shape (4, 4), optional
-        Pose of the arm's base in the frame of the obstacles; the identity by default.
+        Pose of the arm's base in the frame of the obstacles; the identity by default. For a planning scene, the default
+        is the pose in the frame of the scene, which must be ``"world"`` or a frame of the arm that no joint moves.
 
     Raises
     ------
@@ -808,6 +812,15 @@ def build_arm_space(
         If an obstacle touches a link that no joint moves, or if a pair that at most two joints move touches in all 1000
         random configurations.
     """
+    pairs, extra = set[Names](), dict[str, float]()
+    if isinstance(obstacles, PlanningScene):
+        scene, links = obstacles, {link.name for link in arm.links}
+        given = None if base_pose is None else check_rigid(base_pose, "base_pose")
+        base_pose = placed_base = find_base_pose(scene.frame, arm, scene.source) if given is None else given
+        for name, metres in scene.padding.items():
+            check_known(name, f"{scene.source}: link_padding", arm.frames, "names")
+            extra |= {name: metres} if name in links else {}  # links without geometry cannot touch
+        (arm, pairs), obstacles = scene._place(arm, placed_base), scene.obstacles
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
     for name in named:
@@ -815,8 +828,8 @@ def build_arm_space(
             problem = f"name one {name!r}"
             raise InputError("obstacles", problem, "a link has that name", "choose another name", value=name)
     known = (*links, *named)
-    pairs = _check_allowed(allowed_collisions, "allowed_collisions", known)
-    min_distance, extra = check_not_negative(margin, "margin"), dict[str, float]()
+    pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
+    min_distance = check_not_negative(margin, "margin")
     for name, metres in ({} if padding is None else padding).items():
         extra[check_known(name, "padding", known, "names")] = check_not_negative(metres, f"padding of {name}")
     base = np.linalg.inv(np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")).astype(np.float64)

@@ -18,6 +18,17 @@ from cspace.check import check_finite, check_point, check_positive
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.meshes import read_mesh
+from cspace.files.moveit import (
+    WORLD,
+    check_list,
+    check_table,
+    find_frame_motions,
+    parse_frame,
+    parse_link_values,
+    parse_names,
+    parse_numbers,
+    parse_pose,
+)
 from cspace.files.plain import read_yaml
 from cspace.files.polygons import join_surfaces, surface_bytes, transform_surface
 from cspace.files.urdf import (
@@ -163,7 +174,8 @@ _SURFACE_MAKERS: Final[Mapping[str, Callable[[Any, Mapping[str, Path], str], Bou
 """Function that makes the outer and inner surface of each kind of URDF geometry."""
 
 
-_SCENE_KIND: Final = "planning scene"
+SCENE_KIND: Final = "planning scene"
+"""Kind of file, for messages."""
 
 MAX_SHAPES: Final = 10_000
 """Maximum number of shapes in one scene."""
@@ -180,8 +192,6 @@ _OPERATIONS: Final[Mapping[object, int]] = {
 _POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses", "planes": "plane_poses"}
 """For each list of shapes in a collision object, the list of their poses."""
 
-_IDENTITY_QUATERNION: Final = (0.0, 0.0, 0.0, 1.0)
-
 Ball = tuple[Floats, float]
 
 
@@ -195,23 +205,95 @@ class SceneShape(NamedTuple):
     shape : Shape
     pose : ndarray of float64, shape (4, 4)
         Motion from the frame of the shape to the frame of the scene.
+    object_id : str
+        Id of its collision object.
     """
 
     name: str
     shape: Shape
     pose: Floats
+    object_id: str
 
     def moved(self) -> Shape:
         """Return the shape in the frame of the scene."""
         return _transform(self.shape, self.pose)
 
 
-def read_moveit_scene(
+class AttachedShapes(NamedTuple):
+    """The shapes of an object that a link carries.
+
+    Attributes
+    ----------
+    name : str
+    link : str
+    touch_links : list of str
+        Further links that may touch it.
+    frame : str
+        Frame of the poses.
+    parts : list of (Shape, ndarray of float64)
+        Shapes, and their poses, shape (4, 4).
+    """
+
+    name: str
+    link: str
+    touch_links: list[str]
+    frame: str
+    parts: list[tuple[Shape, Floats]]
+
+
+class SceneContent(NamedTuple):
+    """Content of a planning scene.
+
+    Attributes
+    ----------
+    frame : str
+        Frame of the scene.
+    shapes : list of SceneShape
+        Obstacles, in the frame of the scene.
+    attached : list of AttachedShapes
+        Objects that the robot carries.
+    table : mapping
+        The message itself.
+    """
+
+    frame: str
+    shapes: list[SceneShape]
+    attached: list[AttachedShapes]
+    table: Mapping[str, Any]
+
+
+_SCENE_FIELDS: Final = (
+    *("name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix"),
+    *("link_padding", "link_scale", "object_colors", "world", "is_diff"),
+)
+"""Fields of a moveit_msgs/PlanningScene."""
+
+_OBJECT_FIELDS: Final = (
+    *("header", "pose", "id", "type", "subframe_names", "subframe_poses", "operation"),
+    *(field for pair in _POSE_LISTS.items() for field in pair),
+)
+"""Fields of a moveit_msgs/CollisionObject."""
+
+
+def read_scene_shapes(
     path: StrPath, plane_ball: Ball | None = None, package_dirs: PackageDirs = ()
 ) -> list[SceneShape]:
-    """Read the obstacles of a planning scene.
+    """Read the obstacles of a planning scene, as :func:`read_scene`.
 
-    A warning lists the parts of the scene that enlarge the robot; they are not read.
+    A warning lists the parts of the scene that enlarge the robot; they are not read. Raises GeometryError if the scene
+    has no shape.
+    """
+    scene = read_scene(path, plane_ball, package_dirs)
+    if not scene.shapes:
+        raise GeometryError(os.fspath(path), "holds no shape", "a scene needs one", "pass another file")
+    if left_out := _list_robot_parts(scene):
+        listed = ", ".join(left_out)
+        warn_user(f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin=")
+    return scene.shapes
+
+
+def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: PackageDirs = ()) -> SceneContent:
+    """Read the shapes of a planning scene.
 
     Parameters
     ----------
@@ -224,37 +306,47 @@ def read_moveit_scene(
         Folders that hold the folders of packages, for meshes.
 
     Raises FileError if the file is missing or malformed, or holds anything but boxes, spheres, cylinders, cones, meshes
-    and planes. Raises GeometryError if a mesh has no triangle or the scene has no shape.
+    and planes. Raises GeometryError if a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
-    content = read_yaml(path, _SCENE_KIND)
-    with decoding(path, _SCENE_KIND):
-        scene = _check_table(content, "the file")
-        world = _check_table(scene.get("world", scene), "world")
-        if "collision_objects" not in world:
+    content = read_yaml(path, SCENE_KIND)
+    with decoding(path, SCENE_KIND):
+        scene = check_table(content, "the file")
+        is_world = "world" not in scene and "collision_objects" in scene
+        scene = {"world": scene} if is_world else check_table(scene, "the scene", _SCENE_FIELDS)
+        world = check_table(scene.get("world"), "world", ("collision_objects", "octomap"))
+        state = check_table(scene.get("robot_state"), "robot_state")
+        attached = check_list(state.get("attached_collision_objects"), "attached_collision_objects")
+        if "collision_objects" not in world and not attached:
             rule = "a planning scene lists its obstacles there"
             raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
-        octomap = _check_table(_check_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
+        octomap = check_table(check_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
         if octomap.get("data"):
             hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
             raise ContentError("holds an OctoMap", "only collision objects are read", hint)
         reader = _Reader(path, plane_ball, folders)
-        objects = reader.objects(_check_list(world["collision_objects"], "collision_objects"))
-        frames = {frame for frame, _ in objects.values()}
-        to_scene = _find_frame_motions(
-            _check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"), frames
+        objects = reader.objects(check_list(world.get("collision_objects"), "collision_objects"))
+        carried = [reader.attached(item, number) for number, item in enumerate(attached)]
+        parse_names([each.name for each in carried], "attached_collision_objects")
+        motions = find_frame_motions(
+            check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"),
+            dict.fromkeys([*(frame for frame, _ in objects.values()), *(each.frame for each in carried)]),
         )
+        roots = {motions[frame][0]: frame for frame, _ in objects.values()}
+        if len(roots) > 1:
+            problem = f"has objects in the frames {', '.join(map(repr, sorted(roots.values())))}"
+            rule = "fixed_frame_transforms must lead from all to one frame"
+            raise ContentError(problem, rule, "write all in one frame")
         shapes = [
-            SceneShape(name if len(parts) == 1 else f"{name}/{number}", shape, to_scene[frame] @ pose)
+            SceneShape(name if len(parts) == 1 else f"{name}/{number}", shape, motions[frame][1] @ pose, name)
             for name, (frame, parts) in objects.items()
             for number, (shape, pose) in enumerate(parts)
         ]
-        if not shapes:
-            raise GeometryError(os.fspath(path), "holds no shape", "a scene needs one", "pass another file")
-        if left_out := _list_robot_parts(scene):
-            listed = ", ".join(left_out)
-            warn_user(f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin=")
-        return shapes
+        for number, each in enumerate(carried):
+            root, motion = motions[each.frame]
+            parts = [(shape, motion @ pose) for shape, pose in each.parts]
+            carried[number] = each._replace(frame=root, parts=parts)
+        return SceneContent(next(iter(roots), WORLD), shapes, carried, scene)
 
 
 class _Reader:
@@ -272,22 +364,17 @@ class _Reader:
         """
         objects: dict[str, tuple[str, list[tuple[Shape, Floats]]]] = {}
         for number, item in enumerate(items):
-            entry = _check_table(item, f"collision_objects[{number}]")
+            entry = check_table(item, f"collision_objects[{number}]", _OBJECT_FIELDS)
             name = str(entry.get("id") or f"object {number}")
-            operation = entry.get("operation") or _ADD
-            operation = operation.lower() if isinstance(operation, str) else operation
+            operation = _parse_operation(entry)
             if operation not in _OPERATIONS or _OPERATIONS[operation] == _MOVE:
                 problem = f"has the operation {operation!r} at object {name!r}"
                 raise ContentError(problem, "it must be add, append or remove (0, 2 or 1)", "write the scene as it is")
             if _OPERATIONS[operation] == _REMOVE:
                 objects.pop(name, None)
                 continue
-            header = _check_table(entry.get("header"), f"the header of object {name!r}")
-            frame = str(header.get("frame_id") or "").lstrip("/")
-            parts = list(self._read_shapes(entry, f"object {name!r}"))
-            if not parts:
-                rule = "it must have primitives, meshes or planes"
-                raise ContentError(f"has no shape at object {name!r}", rule, "add them, or remove the object")
+            frame = parse_frame(entry, f"object {name!r}")
+            parts = self._read_parts(entry, f"object {name!r}")
             if _OPERATIONS[operation] == _APPEND and name in objects:
                 if objects[name][0] != frame:
                     problem = f"appends to object {name!r} in frame {frame!r}, which is in frame {objects[name][0]!r}"
@@ -296,14 +383,40 @@ class _Reader:
             objects[name] = frame, parts
         return objects
 
+    def attached(self, item: Any, number: int) -> AttachedShapes:
+        """Return the shapes of an attached object."""
+        place = f"attached_collision_objects[{number}]"
+        carried = check_table(item, place, ("link_name", "object", "touch_links", "detach_posture", "weight"))
+        entry = check_table(carried.get("object"), f"the object of {place}", _OBJECT_FIELDS)
+        name, link = entry.get("id"), carried.get("link_name")
+        for value, field in ((name, "object.id"), (link, "link_name")):
+            if not isinstance(value, str) or not value:
+                raise ContentError(f"has {value!r} as {field} of {place}", "it must be a name", "add it")
+        if _OPERATIONS.get(operation := _parse_operation(entry)) != _ADD:
+            problem = f"has the operation {operation!r} at attached object {name!r}"
+            raise ContentError(problem, "it must be add (0)", "write the scene as it is")
+        place = f"attached object {name!r}"
+        has_frame = check_table(entry.get("header"), f"the header of {place}").get("frame_id")
+        frame = parse_frame(entry, place) if has_frame else str(link)
+        touch_links = parse_names(carried.get("touch_links"), f"touch_links of {place}")
+        return AttachedShapes(str(name), str(link), touch_links, frame, self._read_parts(entry, place))
+
+    def _read_parts(self, entry: Mapping[str, Any], place: str) -> list[tuple[Shape, Floats]]:
+        """Return the shapes of an object, at least one, with their poses."""
+        parts = list(self._read_shapes(entry, place))
+        if not parts:
+            rule = "it must have primitives, meshes or planes"
+            raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
+        return parts
+
     def _read_shapes(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
         """Yield the shapes of an object, with their poses."""
-        whole = _parse_pose(entry.get("pose"), f"the pose of {place}")
+        whole = parse_pose(entry.get("pose"), f"the pose of {place}")
         makers: dict[str, Callable[[Any, str, Floats], tuple[Shape, Floats]]]
         makers = {"primitives": self._read_primitive, "meshes": self._read_mesh, "planes": self._read_plane}
         for name, poses_name in _POSE_LISTS.items():
-            items = _check_list(entry.get(name), f"{name} of {place}")
-            poses = _check_list(entry.get(poses_name), f"{poses_name} of {place}")
+            items = check_list(entry.get(name), f"{name} of {place}")
+            poses = check_list(entry.get(poses_name), f"{poses_name} of {place}")
             if len(poses) != len(items) and (poses or len(items) > 1):
                 problem = f"has {len(items)} {name} but {len(poses)} {poses_name} at {place}"
                 raise ContentError(problem, "each needs a pose", "add or remove some")
@@ -313,48 +426,35 @@ class _Reader:
                     problem = f"holds more than {MAX_SHAPES} shapes"
                     raise ContentError(problem, "the rest is not read", "split the scene")
                 here = f"{name}[{number}] of {place}"
-                pose = _parse_pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
+                pose = parse_pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
                 yield makers[name](item, here, whole @ pose)
 
     def _read_primitive(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         """Return a primitive as a shape, with its pose."""
-        table = _check_table(item, place)
-        kind = table.get("type")
-        kind = kind.lower() if isinstance(kind, str) else kind
-        if isinstance(kind, bool) or kind not in _PRIMITIVES:
-            known = ", ".join(f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int))
-            problem = f"has the type {kind!r} at {place}"
-            raise ContentError(problem, f"it must be one of {known}", "write such a primitive")
-        name, sizes, make = _PRIMITIVES[kind]
-        given = _check_list(table.get("dimensions"), f"dimensions of {place}")
-        values = _parse_numbers(given, len(given), f"dimensions of {place}")
-        # Messages often pad dimensions to three numbers with zeros.
-        if len(values) < len(sizes) or values[len(sizes) :].any() or not (values[: len(sizes)] > 0.0).all():
-            rule = f"a {name} has {', '.join(sizes)}, metres above zero"
-            raise ContentError(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
-        return make(*values[: len(sizes)].tolist()), pose
+        kind, sizes = parse_primitive(item, place)
+        return _PRIMITIVES[kind][2](*sizes), pose
 
     def _read_mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         """Return a mesh as a shape, with its pose."""
-        table = _check_table(item, place)
+        table = check_table(item, place, ("triangles", "vertices", "resource", "dimensions"))
         if table.get("resource"):
             name = str(table["resource"])
             if name not in self._meshes:
                 self._meshes[name] = read_mesh(locate_meshes({name: place}, self._path, self._folders)[name])
             scale = np.ones(3)
             if table.get("dimensions") is not None:
-                scale = _parse_numbers(table["dimensions"], 3, f"dimensions of {place}")
+                scale = parse_numbers(table["dimensions"], 3, f"dimensions of {place}")
             if not scale.all():
                 problem = f"has the dimensions {scale.tolist()} at {place}"
                 raise ContentError(problem, "no factor may be zero", "correct them")
             vertices, faces = transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
         else:
-            points = _check_list(table.get("vertices"), f"vertices of {place}")
+            points = check_list(table.get("vertices"), f"vertices of {place}")
             corners = [
-                _check_list(_check_table(each, place).get("vertex_indices") if isinstance(each, dict) else each, place)
-                for each in _check_list(table.get("triangles"), f"triangles of {place}")
+                check_list(check_table(each, place).get("vertex_indices") if isinstance(each, dict) else each, place)
+                for each in check_list(table.get("triangles"), f"triangles of {place}")
             ]
-            vertices = np.array([_parse_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
+            vertices = np.array([parse_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
             if any(
                 len(each) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in each) for each in corners
             ):
@@ -370,7 +470,7 @@ class _Reader:
         if self._plane_ball is None:
             hint = "pass bounds for a workspace, or plane_radius for an arm"
             raise ContentError(f"has a plane, {place}", "a plane has no end, but an obstacle needs one", hint)
-        *normal, offset = _parse_numbers(_check_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
+        *normal, offset = parse_numbers(check_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
         length = float(np.linalg.norm(normal))
         if not length > 0.0:
             problem = f"has the coef {[*normal, offset]} at {place}"
@@ -402,6 +502,28 @@ _PRIMITIVES: Final[Mapping[Any, tuple[str, tuple[str, ...], Callable[..., Shape]
 """Primitives by the name and by the number of their type: name, dimensions in order, and maker."""
 
 
+def parse_primitive(item: Any, place: str) -> tuple[str, list[float]]:
+    """Return the kind of a ``shape_msgs/SolidPrimitive``, and its dimensions in metres.
+
+    Raises ContentError if it is no box, sphere, cylinder or cone, or a dimension is missing or not above zero.
+    """
+    table = check_table(item, place, ("type", "dimensions", "polygon"))
+    kind = table.get("type")
+    kind = kind.lower() if isinstance(kind, str) else kind
+    if isinstance(kind, bool) or not isinstance(kind, str | int) or kind not in _PRIMITIVES:
+        known = ", ".join(f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int))
+        problem = f"has the type {kind!r} at {place}"
+        raise ContentError(problem, f"it must be one of {known}", "write such a primitive")
+    name, sizes, _ = _PRIMITIVES[kind]
+    given = check_list(table.get("dimensions"), f"dimensions of {place}")
+    values = parse_numbers(given, len(given), f"dimensions of {place}")
+    # Messages often pad dimensions to three numbers with zeros.
+    if len(values) < len(sizes) or values[len(sizes) :].any() or not (values[: len(sizes)] > 0.0).all():
+        rule = f"a {name} has {', '.join(sizes)}, metres above zero"
+        raise ContentError(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
+    return name, values[: len(sizes)].tolist()
+
+
 def _transform(shape: Shape, pose: Floats) -> Shape:
     """Apply a rigid motion, shape (4, 4), to a shape."""
     if isinstance(shape, BoundedShape):
@@ -422,95 +544,16 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     return Mesh(*transform_surface(shape.surface, pose))
 
 
-def _find_frame_motions(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
-    """Return the motion from each frame to the scene's frame.
-
-    If all objects share a frame, it is the frame of the scene. Otherwise the transforms must lead to one frame.
-    """
-    if len(frames) == 1:
-        return dict.fromkeys(frames, np.eye(4))
-    parents: dict[str, tuple[str, Floats]] = {}
-    for number, item in enumerate(transforms):
-        place = f"fixed_frame_transforms[{number}]"
-        entry = _check_table(item, place)
-        header, motion = _check_table(entry.get("header"), place), _check_table(entry.get("transform"), place)
-        parent = str(header.get("frame_id") or "").lstrip("/")
-        given = {"position": motion.get("translation"), "orientation": motion.get("rotation")}
-        parents[str(entry.get("child_frame_id") or "").lstrip("/")] = parent, _parse_pose(given, place)
-    motions: dict[str, Floats] = {}
-    roots: set[str] = set()
-    for frame in sorted(frames):
-        root, to_root, passed = frame, np.eye(4), {frame}
-        while root in parents and parents[root][0] not in passed:
-            root, step = parents[root]
-            to_root = step @ to_root
-            passed.add(root)
-        motions[frame] = to_root
-        roots.add(root)
-    if len(roots) > 1:
-        problem = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
-        raise ContentError(problem, "fixed_frame_transforms must lead from all to one frame", "write all in one frame")
-    return motions
+def _parse_operation(entry: Mapping[str, Any]) -> Any:
+    """Return the operation of an object, with words in lower case."""
+    operation = entry.get("operation") or _ADD
+    return operation.lower() if isinstance(operation, str) else operation
 
 
-def _list_robot_parts(scene: Mapping[str, Any]) -> list[str]:
+def _list_robot_parts(scene: SceneContent) -> list[str]:
     """Return the parts of a scene that enlarge the robot, as text."""
-    state = _check_table(scene.get("robot_state"), "robot_state")
-    attached = _check_list(state.get("attached_collision_objects"), "attached_collision_objects")
-    names = [str(_check_table(_check_table(each, "").get("object"), "").get("id")) for each in attached]
-    found = [f"attached objects ({', '.join(names)})"] if names else []
-    for key, field, neutral in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
-        if any(_check_table(each, key).get(field, neutral) != neutral for each in _check_list(scene.get(key), key)):
-            found.append(key)
+    found = [f"attached objects ({', '.join(each.name for each in scene.attached)})"] if scene.attached else []
+    for name, field, neutral in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
+        if parse_link_values(scene.table.get(name), name, field, neutral):
+            found.append(name)
     return found
-
-
-def _parse_pose(value: Any, place: str) -> Floats:
-    """Parse a pose as a rigid motion, shape (4, 4).
-
-    The default is the identity. Like MoveIt, normalise quaternions.
-    """
-    table = _check_table(value, place)
-    given = table.get("position"), table.get("orientation")
-    position = np.zeros(3) if given[0] is None else _parse_numbers(given[0], 3, f"position of {place}")
-    quaternion = np.array(_IDENTITY_QUATERNION)
-    if given[1] is not None:
-        quaternion = _parse_numbers(given[1], 4, f"orientation of {place}")
-    matrix = np.eye(4)
-    matrix[:3, 3] = position
-    if quaternion[:3].any():
-        from scipy.spatial.transform import Rotation
-
-        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    return matrix
-
-
-def _check_table(value: Any, place: str) -> Mapping[str, Any]:
-    """Return a table, empty for None."""
-    if value is not None and not isinstance(value, dict):
-        problem = f"has {str(value)[:40]!r} as {place}"
-        raise ContentError(problem, "it must be a table of names and values", "correct it")
-    return value or {}
-
-
-def _check_list(value: Any, place: str) -> Sequence[Any]:
-    """Return a list, empty for None."""
-    if value is not None and not isinstance(value, list):
-        raise ContentError(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
-    return value or []
-
-
-def _parse_numbers(value: Any, count: int, place: str) -> Floats:
-    """Parse numbers, shape (count,), from a list or table.
-
-    A table holds x, y, z and w.
-    """
-    if isinstance(value, dict):
-        value = [value.get(name) for name in "xyzw"[:count]] if len(value) == count else None
-    if (
-        not isinstance(value, list)
-        or len(value) != count
-        or not all(type(each) in (int, float) and abs(each) < 1e100 for each in value)
-    ):
-        raise ContentError(f"has {str(value)[:60]} as {place}", f"it must be {count} finite numbers", "correct it")
-    return np.array(value, dtype=np.float64)

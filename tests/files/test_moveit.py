@@ -88,7 +88,7 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
     corners = (inner[:, None] + rng.random((1, 20, 3))).reshape(-1, 3) * 0.11 + workspace.grid.lower
     back = turns[1].inv().apply(turns[0].inv().apply(corners - places[0]) - places[1])
     assert contains(kind, sizes[:count], back, 1e-9).all()
-    arm_side = read_moveit_scene(path)["thing"]
+    arm_side = read_moveit_scene(path).obstacles["thing"]
     center = arm_side.pose[:3, 3]
     np.testing.assert_allclose(center, turns[0].apply(places[1]) + places[0], atol=1e-12)
 
@@ -108,7 +108,7 @@ def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, d
             for number, item in enumerate(each[kind]):
                 name, turn = f"{kind}{number}", item.get("orientation_quat_xyzw", [0, 0, 0, 1])
                 numbers = [2 * x for x in item["half_extents"]] if sizes is None else [item[key] for key in sizes]
-                header = {"header": {"frame_id": "base_link"}}
+                header = {"header": {"frame_id": arm.frames[0]}}
                 objects.append(make_primitive(kind, numbers, make_pose(item["position"], turn), name, **header))
                 matrix = np.eye(4)
                 matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(turn).as_matrix(), item["position"]
@@ -119,7 +119,7 @@ def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, d
                 }
                 expected[name] = PosedShape(make[kind](*numbers).shape, matrix)
         read = read_moveit_scene(write_scene(tmp_path, *objects))
-        assert read.keys() == expected.keys()
+        assert read.obstacles.keys() == expected.keys()
         spaces = build_arm_space(read, arm), build_arm_space(expected, arm)
         points = rng.uniform(*arm._ranges(), (300, arm.dof))
         states = [np.asarray(space.classify(points)) for space in spaces]
@@ -151,7 +151,8 @@ def test_operations_add_append_and_remove_shapes(tmp_path):
     old, gone = make_primitive("box", (1, 1, 1), name="cup"), make_primitive("sphere", (1,), name="gone")
     more = make_primitive("sphere", (0.1,), make_pose((0, 0, 2)), "cup", operation="append")
     new = make_primitive("sphere", (0.2,), name="cup")
-    read = read_moveit_scene(write_scene(tmp_path, table, old, gone, new, more, {"id": "gone", "operation": 1}))
+    scene = write_scene(tmp_path, table, old, gone, new, more, {"id": "gone", "operation": 1})
+    read = read_moveit_scene(scene).obstacles
     assert list(read) == ["table/0", "table/1", "cup/0", "cup/1"]
     assert read["cup/0"].shape.outer.bounds[1][0] == 0.2 and read["cup/1"].pose[2, 3] == 2.0
 
@@ -181,11 +182,33 @@ def test_planes_reach_as_far_as_the_bounds(tmp_path, place, coef):
     workspace = Workspace.from_moveit_scene(path, 0.2, (-2, -2, -1.5, 3, 2, 1))
     layers = np.flatnonzero(workspace.outer.any(axis=(0, 1)))
     assert workspace.outer[:, :, layers].all() and layers.tolist() in ([4, 5], [4], [5]) and not workspace.inner.any()
-    ground = read_moveit_scene(path, plane_radius=7.0)["ground"]
+    ground = read_moveit_scene(path, plane_radius=7.0).obstacles["ground"]
     lower, upper = ground.shape.outer.bounds
     assert lower[2] == pytest.approx(-0.5) == upper[2] and (upper - lower)[:2].min() >= 14.0 - 1e-9
     with pytest.raises(FileError, match=r"a plane has no end.*pass bounds for a workspace, or plane_radius"):
         Workspace.from_moveit_scene(path, 0.2)
+
+
+def write_transform(frame: str, child: str, position: Any, orientation: Any = (0, 0, 0, 1)) -> dict[str, Any]:
+    """Write a transform that maps points of ``frame`` to ``child``, as MoveIt's ``Transforms::copyTransforms`` does."""
+    motion = {"translation": list(map(float, position)), "rotation": list(map(float, orientation))}
+    return {"header": {"frame_id": frame}, "child_frame_id": child, "transform": motion}
+
+
+def test_transforms_lead_from_the_frame_of_their_header_to_their_child(tmp_path):
+    """Use the numbers of robowflex's fetch_scenes/scene_vicon0002.yaml, in which both give the place of a can."""
+    at, turn = (0.5265398368491891, 0.4824386423589078, 0.9894246997403088), (0.0077, 0.0012, 0.5116, 0.8592)
+    can = make_primitive("cylinder", (0.12, 0.03), name="can", header={"frame_id": "vicon/Can1/Can1"})
+    base = make_primitive("sphere", (0.1,), name="base", header={"frame_id": "base_link"})
+    links = [
+        write_transform("base_link", "base_link", (0, 0, 0)),
+        write_transform("vicon/Can1/Can1", "base_link", at, turn),
+    ]
+    scene = read_moveit_scene(write_scene(tmp_path, can, base, fixed_frame_transforms=links))
+    assert scene.frame == "base_link"
+    np.testing.assert_allclose(scene.obstacles["can"].pose[:3, 3], (0.526539867, 0.482431894, 0.989428485), atol=1e-5)
+    np.testing.assert_allclose(scene.obstacles["can"].pose[:3, :3], Rotation.from_quat(turn).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(scene.obstacles["base"].pose, np.eye(4))
 
 
 def test_frames_are_joined_by_their_transforms(tmp_path):
@@ -195,18 +218,26 @@ def test_frames_are_joined_by_their_transforms(tmp_path):
         make_primitive("sphere", (0.1,), make_pose((1, 0, 0)), "b", **other),
     )
     turn = Rotation.from_euler("z", 90, degrees=True).as_quat().tolist()
-    link = {"child_frame_id": "table", "transform": {"translation": [0, 0, 3], "rotation": turn}}
-    chain = [{**link, "header": {"frame_id": "room"}}, {"child_frame_id": "room", "header": {"frame_id": "world"}}]
-    read = read_moveit_scene(write_scene(tmp_path, *objects, fixed_frame_transforms=chain))
-    np.testing.assert_allclose(read["b"].pose[:3, 3], (0, 1, 3), atol=1e-12)
+    chain = [write_transform("table", "room", (0, 0, 3), turn), write_transform("room", "world", (0, 2, 0))]
+    scene = read_moveit_scene(write_scene(tmp_path, *objects, fixed_frame_transforms=chain))
+    np.testing.assert_allclose(scene.obstacles["b"].pose[:3, 3], (0, 3, 3), atol=1e-12)
     with pytest.raises(FileError, match=r"has objects in the frames 'table', 'world'; fixed_frame_transforms must"):
         read_moveit_scene(write_scene(tmp_path, *objects))
-    same = read_moveit_scene(write_scene(tmp_path, objects[1], fixed_frame_transforms=chain))
-    np.testing.assert_allclose(same["b"].pose[:3, 3], (1, 0, 0))
+    alone = read_moveit_scene(write_scene(tmp_path, objects[1], fixed_frame_transforms=chain))
+    assert alone.frame == "world"
+    np.testing.assert_allclose(alone.obstacles["b"].pose[:3, 3], (0, 3, 3), atol=1e-12)
+    assert read_moveit_scene(write_scene(tmp_path, objects[1])).frame == "table"
+    loop = [write_transform("table", "room", (0, 0, 3)), write_transform("room", "table", (0, 2, 0))]
+    with pytest.raises(FileError, match="has transforms of 'table' in a loop"):
+        read_moveit_scene(write_scene(tmp_path, objects[1], fixed_frame_transforms=loop))
+    two = [write_transform("table", "room", (0, 0, height)) for height in (2, 3)]
+    with pytest.raises(FileError, match="has two transforms of the frame 'table'"):
+        read_moveit_scene(write_scene(tmp_path, objects[1], fixed_frame_transforms=two))
 
 
 def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path):
-    attached = {"attached_collision_objects": [{"link_name": "hand", "object": {"id": "mug"}}]}
+    mug = make_primitive("sphere", (0.1,), name="mug")
+    attached = {"attached_collision_objects": [{"link_name": "hand", "object": mug}]}
     padding = [{"link_name": "hand", "padding": 0.01}]
     path = write_scene(tmp_path, make_primitive("sphere", (1,)), robot_state=attached, link_padding=padding)
     with pytest.warns(UserWarning, match=r"attached objects \(mug\), link_padding enlarge the robot and are not read"):
@@ -247,6 +278,9 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
     ([{"id": "a", "planes": [{"coef": [0, 0, 0, 1]}]}], "a, b and c may not all be zero"),
     ([{"id": "a", "planes": [{"coef": [0, 0, 1]}]}], "as coef of planes"),
     (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
+    ([{"id": "a", "primitive": [BOX]}], r"has the unknown field 'primitive' at collision_objects\[0\]"),
+    ([make_primitive("box", [1, 1, 1], pose={"xyz": [0, 0, 0]})], "unknown field 'xyz' at the pose of object 'thing'"),
+    ([{"id": "a", "meshes": [{"faces": []}]}], r"unknown field 'faces' at meshes\[0\] of object 'a'"),
 )
 def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
     path = write_scene(tmp_path, *objects)
@@ -258,7 +292,7 @@ def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
 def test_a_scene_with_more_shapes_than_the_limit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("cspace.shapes.scenes.MAX_SHAPES", 20)
     boxes = [make_primitive("box", [1, 1, 1], name=f"b{n}") for n in range(21)]
-    assert len(read_moveit_scene(write_scene(tmp_path, *boxes[:20]))) == 20
+    assert len(read_moveit_scene(write_scene(tmp_path, *boxes[:20])).obstacles) == 20
     with pytest.raises(FileError, match="holds more than 20 shapes"):
         read_moveit_scene(write_scene(tmp_path, *boxes))
 
@@ -269,6 +303,8 @@ def test_a_scene_with_more_shapes_than_the_limit_is_refused(tmp_path, monkeypatc
     ("[1, 2]", "it must be a table"),
     ("(noname)\n* Box\n", "has no world.collision_objects|it must be a table|cannot be read"),
     ("world: {collision_objects: [], octomap: {octomap: {data: [1]}}}", r"holds an OctoMap; .* Workspace.from_octomap"),
+    ("world: {objects: []}", "has the unknown field 'objects' at world; the fields are collision_objects, octomap"),
+    ("{world: {collision_objects: []}, worlds: []}", "has the unknown field 'worlds' at the scene"),
     ("world: {collision_objects: 3}", "has '3' as collision_objects; it must be a list"),
 )
 def test_other_files_are_refused_in_one_line(tmp_path, text, expected):

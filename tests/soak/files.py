@@ -102,6 +102,8 @@ def write_families(folder: Path) -> dict[str, Path]:
     put("robot.urdf", f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>')
     costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"\n    footprint_padding: 0.02\n'
     put("robot.yaml", f"local_costmap:\n{costmap}global_costmap:\n{costmap}")
+    put("scene.yaml", _write_scene())
+    put("request.yaml", _write_request())
     put("tree.bt", b"# Octomap OcTree binary file\nid OcTree\nsize 24\nres 0.1\ndata\n" + b"\3\0" * 15 + b"\x55\xaa")
     inner, taken, free = (np.float32(value).tobytes() for value in (0.8, 0.8, -0.4))
     nodes = (inner + b"\1") * 15 + inner + b"\x11" + taken + b"\0" + free + b"\0"
@@ -128,8 +130,58 @@ def write_families(folder: Path) -> dict[str, Path]:
     return {path.name: path for path in sorted(folder.iterdir())}
 
 
+def _write_scene() -> str:
+    """Write a planning scene with all that one may have, as JSON, which is YAML."""
+    pose = {"position": [0.1, 0, 0.5], "orientation": {"x": 0, "y": 0, "z": 0.6, "w": 0.8}}
+    kinds = {"box": [1, 2, 3], "sphere": [0.5], "cylinder": [2, 0.5], "cone": [2, 0.5]}
+    mesh = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "triangles": [[0, 2, 1], [0, 1, 3], [1, 2, 3]]}
+    one = {
+        "id": "all",
+        "header": {"frame_id": "shelf"},
+        "pose": pose,
+        "primitives": [{"type": kind, "dimensions": sizes} for kind, sizes in kinds.items()],
+        "primitive_poses": [pose] * 4,
+        "meshes": [mesh, {"resource": "box.stl", "dimensions": [1, 1, 0.5]}],
+        "mesh_poses": [pose] * 2,
+        "planes": [{"coef": [0, 0, 1, 0.5]}],
+        "plane_poses": [pose],
+    }
+    mug = {"id": "mug", "primitives": [{"type": 2, "dimensions": [0.1]}], "primitive_poses": [pose]}
+    link = {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}
+    scene = {
+        "world": {"collision_objects": [one]},
+        "fixed_frame_transforms": [{"header": {"frame_id": "shelf"}, "child_frame_id": "world", "transform": link}],
+        "robot_state": {
+            "joint_state": {"name": ["a", "b"], "position": [0.5, 1]},
+            "attached_collision_objects": [{"link_name": "tool", "object": mug, "touch_links": ["hand"]}],
+        },
+        "allowed_collision_matrix": {"entry_names": ["a", "b"], "entry_values": [[False, True], [True, False]]},
+        "link_padding": [{"link_name": "tool", "padding": 0.01}],
+    }
+    return json.dumps(scene)
+
+
+def _write_request() -> str:
+    """Write a motion plan request with goals of each kind, as JSON, which is YAML."""
+    head = {"header": {"frame_id": "base"}, "link_name": "tool", "weight": 1}
+    place = {"position": [0.1, 0, 0.5], "orientation": [0, 0, 0, 1]}
+    region = {"primitives": [{"type": "box", "dimensions": [1, 2, 3]}], "primitive_poses": [place]}
+    tolerances = {f"absolute_{axis}_axis_tolerance": 0.1 for axis in "xyz"}
+    joint = {"joint_name": "a", "position": 1, "tolerance_above": 0.1, "tolerance_below": 0.2, "weight": 1}
+    pose = {
+        "position_constraints": [{**head, "constraint_region": region, "target_point_offset": [0.1, 0, 0]}],
+        "orientation_constraints": [{**head, "orientation": [0, 0.6, 0, 0.8], **tolerances}],
+    }
+    state = {"joint_state": {"name": ["a", "b"], "position": [0.5, 1]}}
+    goals = [{"joint_constraints": [joint]}, pose]
+    return json.dumps(
+        {"group_name": "arm", "start_state": state, "goal_constraints": goals, "allowed_planning_time": 5}
+    )
+
+
 def open_file(path: Path) -> object:
     """Open a file like a user."""
+    from cspace.arms import read_moveit_request, read_moveit_scene
     from cspace.spectral import BallDecomposition
 
     if path.name.startswith("balls"):
@@ -140,6 +192,10 @@ def open_file(path: Path) -> object:
         return cspace.open(path).is_free(np.random.default_rng(0).random((100, 3)) * (0.6, 0.5, 3.0))
     if path.name.startswith("robot"):
         return Robot.open(path)
+    if path.name.startswith("scene"):
+        return read_moveit_scene(path, plane_radius=2.0)
+    if path.name.startswith("request"):
+        return read_moveit_request(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
     options = {".yaml": {}, ".bt": {}, ".ot": {}, ".nrrd": {"threshold": 1.0}}.get(path.suffix, {"spacing": 0.5})
     return Workspace.open(path, **options).outer
