@@ -135,8 +135,11 @@ def random_chain(folder: Path, seed: int, count: int) -> Path:
     return write_urdf(folder, *parts, link("tool0"), joint("mount", f"l{count}", "tool0", at, kind="fixed", rpy=rpy))
 
 
-def pose_of(path: Path, frame: str, values: Mapping[str, float]) -> np.ndarray:
-    """Return the pose of a link in the root of a URDF, read and computed without the library."""
+def pose_of(path: Path, frame: str, values: Mapping[str, Any]) -> np.ndarray:
+    """Return the pose of a link in the root of a URDF, read and computed without the library.
+
+    The values of joints are numbers, or arrays of one shape for many poses.
+    """
     joints = {each.find("child").get("link"): each for each in ET.parse(path).findall("joint")}  # type: ignore[union-attr]
     pose = np.eye(4)
     while frame in joints:
@@ -147,15 +150,17 @@ def pose_of(path: Path, frame: str, values: Mapping[str, float]) -> np.ndarray:
             return np.array((default if found is None else found.get(key, default)).split(), dtype=float)
 
         mimic, name = each.find("mimic"), each.get("name")
-        value = values.get(str(name), 0.0)
+        value = np.asarray(values.get(str(name), 0.0))
         if mimic is not None:
             leader, factor, offset = (mimic.get(key) for key in ("joint", "multiplier", "offset"))
-            value = float(factor or 1.0) * values[str(leader)] + float(offset or 0.0)
-        motion, origin = np.eye(4), np.eye(4)
+            value = float(factor or 1.0) * np.asarray(values[str(leader)]) + float(offset or 0.0)
+        motion, origin = np.tile(np.eye(4), (*value.shape, 1, 1)), np.eye(4)
         if each.get("type") == "prismatic":
-            motion[:3, 3] = value * numbers("axis", "xyz")
+            motion[..., :3, 3] = value[..., None] * numbers("axis", "xyz")
         elif each.get("type") != "fixed":
-            motion[:3, :3] = Rotation.from_rotvec(value * numbers("axis", "xyz")).as_matrix()
+            vectors = value[..., None] * numbers("axis", "xyz")
+            turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
+            motion[..., :3, :3] = turns.reshape(*value.shape, 3, 3)
         origin[:3, 3] = numbers("origin", "xyz")
         origin[:3, :3] = Rotation.from_euler("xyz", numbers("origin", "rpy")).as_matrix()
         pose = origin @ motion @ pose

@@ -2,6 +2,7 @@
 
 from cspace.arms.inverse import PoseGoal
 from cspace.arms.joint_map import build_joint_map
+from cspace.arms.lines import LineMotion
 from cspace.arms.model import Arm, JointValues
 from cspace.arms.moveit import (
     AttachedObject,
@@ -22,6 +23,7 @@ __all__ = [
     "Contact",
     "JointGoal",
     "JointValues",
+    "LineMotion",
     "MotionPlanRequest",
     "PlanningScene",
     "PoseGoal",

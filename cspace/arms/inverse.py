@@ -117,13 +117,19 @@ class PoseGoal:
             raise InputError(
                 "frame", f"is {self.frame!r}", "it must be a string", "pass e.g. 'tool0'", value=self.frame
             )
-        tolerance = np.asarray(check_real(self.tolerance, "tolerance"), dtype=np.float64)
-        if tolerance.shape != (2,) or not (tolerance > 0.0).all() or np.isinf(tolerance).all():
-            rule = "it must be two numbers above zero, metres and radians, of which one may be infinite"
-            hint = f"pass e.g. {DEFAULT_TOLERANCE}"
-            raise InputError("tolerance", f"is {self.tolerance!r}", rule, hint, value=self.tolerance)
+        tolerance = check_pose_tolerance(self.tolerance)
         object.__setattr__(self, "pose", frozen(check_rigid(self.pose, "pose")))
         object.__setattr__(self, "tolerance", tuple(tolerance.tolist()))
+
+
+def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
+    """Return the tolerance of a pose, shape (2,); raise InputError unless both are above zero and one is finite."""
+    pair = np.asarray(check_real(tolerance, "tolerance"), dtype=np.float64)
+    if pair.shape != (2,) or not (pair > 0.0).all() or np.isinf(pair).all():
+        rule = "it must be two numbers above zero, metres and radians, of which one may be infinite"
+        hint = f"pass e.g. {DEFAULT_TOLERANCE}"
+        raise InputError("tolerance", f"is {tolerance!r}", rule, hint, value=tolerance)
+    return pair
 
 
 class Branch(NamedTuple):
@@ -132,7 +138,7 @@ class Branch(NamedTuple):
     Attributes
     ----------
     chain : Chain
-        Its ``joint_indices`` count the joints of the branch; ``between`` and ``lengths`` are empty.
+        Its ``joint_indices`` count the joints of the branch.
     joints : ndarray of int64, shape (k,)
         Indices of these joints in the configurations of the arm.
     """
@@ -220,11 +226,17 @@ class PoseSolutions(NamedTuple):
 
 @kernel
 def measure_pose(problem: PoseProblem, q: Floats, scratch: PoseScratch, error: Floats) -> tuple[float, float, float]:
-    """Write the weighted error of the frame's pose.
+    """Write the weighted error of the frame's pose at a configuration; see :func:`compare_pose`."""
+    forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
+    return compare_pose(problem, scratch, error)
+
+
+@kernel
+def compare_pose(problem: PoseProblem, scratch: PoseScratch, error: Floats) -> tuple[float, float, float]:
+    """Write the weighted error of the frame's pose, from the poses of the bodies.
 
     Returns its distance in metres, its angle in radians, and the squared error.
     """
-    forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
     body, tip, tool, target = scratch.poses[len(scratch.poses) - 1], scratch.tip, problem.tool, problem.target
     square = 0.0
     for i in range(3):
@@ -380,10 +392,42 @@ def branch_to(chain: Chain, body: int) -> Branch:
         joint_indices=np.concatenate([[0], indices]),
         factors=chain.factors[rows],
         offsets=chain.offsets[rows],
-        between=np.empty((0, 0, 0), dtype=np.bool_),
-        lengths=np.empty((0, 0)),
+        between=chain.between[np.ix_(rows, rows, rows)],
+        lengths=chain.lengths[np.ix_(rows, rows)],
     )
     return Branch(part, joints)
+
+
+def make_pose_problem(
+    branch: Branch, tool: Floats, target: Floats, tolerance: Floats, limits: tuple[Floats, Floats]
+) -> PoseProblem:
+    """Return the problem to bring a frame to a pose; see :class:`PoseProblem` for the arguments."""
+    chain = branch.chain
+    reach = float(np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3]))
+    return PoseProblem(
+        chain,
+        as_contiguous(tool),
+        target,
+        weights=np.where(np.isfinite(tolerance), (1.0 / max(reach, MIN_REACH), 1.0), 0.0),
+        ignored=np.zeros(2),
+        enough=POLISHED_SHARE * tolerance,
+        tolerance=tolerance,
+        lower=as_contiguous(limits[0]),
+        upper=as_contiguous(limits[1]),
+    )
+
+
+def make_pose_scratch(branch: Branch) -> PoseScratch:
+    """Allocate scratch buffers for a branch."""
+    count = len(branch.joints)
+    return PoseScratch(
+        np.empty((len(branch.chain.parents), 3, 6)),
+        np.empty((3, 4)),
+        np.empty((2, 6)),
+        np.empty((6, count)),
+        np.empty((6, 7)),
+        np.empty(count),
+    )
 
 
 def solve_pose(
@@ -402,27 +446,9 @@ def solve_pose(
     The first start is ``near``, shape (k,); the others are uniform within ``ranges``. Solutions are moved towards
     ``near`` by whole turns of the joints in ``whole_turns``.
     """
-    count, chain, tolerance = len(near), branch.chain, np.array(goal.tolerance)
-    reach = float(np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3]))
-    problem = PoseProblem(
-        chain,
-        as_contiguous(tool),
-        np.array(goal.pose, dtype=np.float64),
-        weights=np.where(np.isfinite(tolerance), (1.0 / max(reach, MIN_REACH), 1.0), 0.0),
-        ignored=np.zeros(2),
-        enough=POLISHED_SHARE * tolerance,
-        tolerance=tolerance,
-        lower=as_contiguous(limits[0]),
-        upper=as_contiguous(limits[1]),
-    )
-    scratch = PoseScratch(
-        np.empty((len(chain.parents), 3, 6)),
-        np.empty((3, 4)),
-        np.empty((2, 6)),
-        np.empty((6, count)),
-        np.empty((6, 7)),
-        np.empty(count),
-    )
+    count, tolerance = len(near), np.array(goal.tolerance)
+    problem = make_pose_problem(branch, tool, np.array(goal.pose, dtype=np.float64), tolerance, limits)
+    scratch = make_pose_scratch(branch)
     starts = np.concatenate([near[np.newaxis], rng.uniform(*ranges, (MAX_STARTS - 1, count))])
     errors, solutions, used = np.empty((MAX_STARTS, 3)), np.empty((0, count)), 0
 

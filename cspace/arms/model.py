@@ -339,10 +339,7 @@ class Arm:
         self, goal: PoseGoal, name: str, near: ArrayLike | None = None, max_solutions: int = 16, seed: int = 0
     ) -> Floats:
         """Return configurations for a pose as :meth:`inverse`; ``name`` is the argument that gave it."""
-        body, tool = self._frames[self._check_frame(goal.frame, "frame")]
-        if body == 0:
-            rule = "no joint of the arm moves it"
-            raise InputError("frame", f"is {goal.frame!r}", rule, "name a frame beyond a joint", value=goal.frame)
+        branch, tool = self._branch_to(goal.frame)
         q = self._rest if near is None else self._check_configurations(near, "near")
         if q.ndim != 1:
             rule = "it must be one configuration"
@@ -350,9 +347,7 @@ class Arm:
         self._check_limits(q, "near")
         q = self._clamp(q)
         count, rng = check_count(max_solutions, "max_solutions", 1), np.random.default_rng(check_count(seed, "seed"))
-        if body not in self._branches:
-            self._branches[body] = branch_to(self.chain, body)
-        branch, rows = self._branches[body], self._branches[body].joints
+        rows = branch.joints
         limits = self.lower[rows], self.upper[rows]
         lowest, highest = self._ranges(q)
         ranges = lowest[rows], highest[rows]
@@ -370,6 +365,16 @@ class Arm:
         solutions = np.tile(q, (len(found.joints), 1))
         solutions[:, rows] = found.joints
         return solutions[np.argsort(np.linalg.norm(solutions - q, axis=1), kind="stable")]
+
+    def _branch_to(self, frame: str) -> tuple[Branch, Floats]:
+        """Return the branch that moves a frame, and the pose of the frame in that of its last body."""
+        body, tool = self._frames[self._check_frame(frame, "frame")]
+        if body == 0:
+            rule = "no joint of the arm moves it"
+            raise InputError("frame", f"is {frame!r}", rule, "name a frame beyond a joint", value=frame)
+        if body not in self._branches:
+            self._branches[body] = branch_to(self.chain, body)
+        return self._branches[body], tool
 
     @cached_property
     def _branches(self) -> dict[int, Branch]:

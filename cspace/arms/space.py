@@ -10,6 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arms.inverse import check_pose_tolerance
+from cspace.arms.lines import DEFAULT_LINE_TOLERANCE, LineMotion, check_corners, follow_lines, make_lines
 from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
 from cspace.arms.moveit import PlanningScene, find_base_pose
 from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free
@@ -606,6 +608,81 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
         path = search.find(straight)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
+
+    def follow_line(
+        self,
+        q0: ArrayLike,
+        frame: str,
+        poses: ArrayLike,
+        *,
+        tolerance: tuple[float, float] = DEFAULT_LINE_TOLERANCE,
+    ) -> LineMotion:
+        """Bring a frame along straight lines from pose to pose, and prove the motion.
+
+        The line begins at the pose of the frame at ``q0``. On the way to the next pose the frame's origin moves
+        straight, and the frame turns about one axis; poses of equal rotation keep it. The joints follow inverse
+        kinematics, each configuration near the one before. All motions between the waypoints are proven free, and
+        proven to stay within the tolerance of the line, so that no jump between two branches of solutions remains
+        unseen.
+
+        The motion ends where no further step is proven; :attr:`LineMotion.stopped_by` says why. From another
+        configuration with the same pose it may reach farther; see :meth:`Arm.inverse`.
+
+        Parameters
+        ----------
+        q0 : array-like, shape (dof,)
+            A FREE configuration.
+        frame : str
+            One of :attr:`Arm.frames`, such as ``"tool0"``.
+        poses : array-like, shape (4, 4) or (m, 4, 4)
+            From the frame to that of the arm's base, metres, as :meth:`Arm.pose` returns them.
+        tolerance : pair of float
+            Largest distance in metres, and largest angle in radians, by which the frame may leave the line. One may be
+            infinite: ``(1e-3, math.inf)`` lets the frame turn freely.
+
+        Returns
+        -------
+        LineMotion
+
+        Raises
+        ------
+        ConfigurationError
+            If the start is not FREE, or more than 1e-5 rad (m) beyond the limits of a joint.
+        InputError
+            If the frame is unknown or no joint moves it, a pose is no rigid motion, two poses differ by half a turn, so
+            that both ways round are as short, or the tolerance is not two numbers above zero.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, numpy as np, cspace
+        >>> bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+        >>> joint = '<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
+        >>> joint += '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        >>> parts = joint.format("x", "base", "cart", "1 0 0") + joint.format("y", "cart", "bar", "0 1 0")
+        >>> links = f'<link name="base"/><link name="cart"/><link name="bar">{bar}</link>'
+        >>> path = pathlib.Path(tempfile.mkdtemp(), "table.urdf")
+        >>> _ = path.write_text(f'<robot name="table">{links}{parts}</robot>')
+        >>> space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
+        >>> corner = np.eye(4)
+        >>> corner[:2, 3] = 0.5, 0.5
+        >>> motion = space.follow_line((0.0, 0.0), "bar", corner)
+        >>> motion.certified, motion.waypoints[-1].round(3), motion.deviation < 1e-3
+        (True, array([0.5, 0.5]), True)
+        >>> corner[1, 3] = 2.0
+        >>> motion = space.follow_line((0.0, 0.0), "bar", corner)
+        >>> motion.certified, round(motion.fraction, 3), motion.stopped_by
+        (False, 0.5, 'limit')
+        """
+        snapshot = self._snapshot
+        arm = snapshot.arm
+        start = arm._clamp(self._check_configuration(q0, "q0", "the motion begins there"))
+        arm._branch_to(frame)  # refuses unknown frames before the poses
+        largest = check_pose_tolerance(tolerance)
+        corners = np.concatenate([arm.pose(start, frame)[np.newaxis], check_corners(poses)])
+        lines = make_lines(corners)
+        if not are_free(snapshot.outer, start[np.newaxis], start[np.newaxis])[0]:
+            raise _collision_error(snapshot, start, "q0")
+        return follow_lines(snapshot, start, frame, corners, lines, largest)
 
     @property
     def _spans(self) -> Floats:
