@@ -461,8 +461,9 @@ def add_rows(problem: LineProblem, rows: LineRows, step: float, scratch: LineScr
         if outcome == REACHED:
             rows.places[n], rows.bounds[n, 0], rows.bounds[n, 1] = stop, deviation, angle
             n += 1
-            # The deviation grows with the square of the step.
-            step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 0.5), 2.0)
+            # The deviation grows with the square of the step. Steps shrink only when one fails, so that their number
+            # stays bounded where the deviation approaches the tolerance slowly.
+            step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
         elif taken < 1.5 * MIN_LINE_STEP:
             for k in range(rows.joints.shape[1]):
                 rows.joints[n, k] = rows.joints[n - 1, k]
