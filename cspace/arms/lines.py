@@ -1,13 +1,13 @@
 """Motions of an arm that bring a frame along straight lines, and the proof of how near they stay.
 
-A line leads from pose to pose. On the way its target moves straight, and turns about one axis (K. Shoemake, "Animating
-rotation with quaternion curves", 1985), both in proportion to its place, a number from 0 to 1. Inverse kinematics gives
-the configuration at the next place, starting from the one before, so that a redundant arm moves its joints little. A
-straight motion of the joints leads there, if it is proven free and within the tolerance. Otherwise the step shrinks.
+A line leads from pose to pose. While its parameter grows from 0 to 1, its target moves straight and turns about one
+axis (K. Shoemake, "Animating rotation with quaternion curves", 1985). Inverse kinematics gives the configuration at the
+next parameter, starting from the one before, so that a redundant arm moves its joints little. A straight motion of the
+joints leads there, if it is proven free and within the tolerance. Otherwise the step shrinks.
 
-*Deviation.* Let a motion last from time 0 to 1, while the place changes at a constant rate. Cut it into parts. Let e be
-the vector from the target to the frame's origin, halfway through a part that lasts from h before to h after, and e' its
-derivative. The target does not accelerate, so e'' is the acceleration of the frame's origin, at most 2 c by
+*Deviation.* Let a motion last from time 0 to 1, while the parameter grows at a constant rate. Cut it into parts. Let e
+be the vector from the target to the frame's origin, halfway through a part that lasts from h before to h after, and e'
+its derivative. The target does not accelerate, so e'' is the acceleration of the frame's origin, at most 2 c by
 :func:`cspace.arms.chain.motion_bounds`. By Taylor's theorem, ``|e| <= max |e +- h e'| + c h^2`` during the part.
 
 *Angle.* Let w and v be the angular velocities of the frame and of the target. The angle between frame and target
@@ -71,7 +71,7 @@ REACHED, FULL, OUT_OF_REACH, JUMP, COLLISION = range(5)
 
 
 class Line(NamedTuple):
-    """A straight line from a pose to the next one; places on it are from 0 to 1.
+    """A straight line from a pose to the next one, with parameters from 0 to 1.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class LineProblem(NamedTuple):
     ----------
     line : Line
     pose : PoseProblem
-        Its ``target`` is overwritten by places on the line.
+        Its ``target`` is overwritten by poses on the line.
     scene : Scene
     joints : ndarray of int64, shape (k,)
         Indices of the branch's joints in configurations of the arm.
@@ -147,14 +147,14 @@ class LineRows(NamedTuple):
     Attributes
     ----------
     joints : ndarray of float64, shape (n, dof)
-    places : ndarray of float64, shape (n,)
+    parameters : ndarray of float64, shape (n,)
         Places on the line, from 0 to 1.
     bounds : ndarray of float64, shape (n, 2)
         Proven bounds of deviation, metres, and angle, radians, on the motion from the row before.
     """
 
     joints: Floats
-    places: Floats
+    parameters: Floats
     bounds: Floats
 
 
@@ -175,17 +175,18 @@ class LineMotion:
         Metres and radians, as given.
     waypoints : ndarray of float64, shape (n, dof), read-only
         Configurations from the start on, radians and metres.
-    places : ndarray of float64, shape (n,), read-only
-        Place of each waypoint on the line: 1.25 is a quarter of the way from ``poses[1]`` to ``poses[2]``.
+    parameters : ndarray of float64, shape (n,), read-only
+        Target of each waypoint on the line: 1.25 is a quarter of the way from ``poses[1]`` to ``poses[2]``. Between two
+        waypoints, the target moves evenly.
     certified : bool
         Whether the motion reaches the last pose, so that all of the line is proven.
     fraction : float
         Share of the line that the waypoints follow; a radian of rotation counts as half a metre.
     deviation : float
-        Proven upper bound, in metres, of the distance between the frame's origin and its place on the line, which moves
-        evenly from that of a waypoint to that of the next. So it also bounds the distance from the line.
+        Proven upper bound of the distance between the frame's origin and its target, in metres, along the whole motion.
+        So the frame's origin is never farther from the line.
     angle : float
-        Proven upper bound, in radians, of the angle between the frame and the rotation at that place; at most pi.
+        Proven upper bound of the angle between the rotations of frame and target, in radians; at most pi.
     stopped_by : str
         Why the motion ends early: ``"collision"``, ``"limit"`` (a joint is at its limit), ``"reach"`` (no configuration
         near the last one reaches farther), or ``"jump"`` (the joints would leave the line on the way to the next
@@ -198,7 +199,7 @@ class LineMotion:
     poses: Floats
     tolerance: tuple[float, float]
     waypoints: Floats
-    places: Floats
+    parameters: Floats
     certified: bool
     fraction: float
     deviation: float
@@ -277,22 +278,22 @@ def follow_lines(
     outcome, count = REACHED, 0
     for number, line in enumerate(lines):
         problem = LineProblem(line, pose, scene, branch.joints, radius, size)
-        rows.joints[0], rows.places[0], step, outcome = found[-1].joints[-1], 0.0, 1.0, FULL
+        rows.joints[0], rows.parameters[0], step, outcome = found[-1].joints[-1], 0.0, 1.0, FULL
         while outcome == FULL:
             count, outcome, step = add_rows(problem, rows, step, scratch)
-            joints, places, bounds = (column[1:count].copy() for column in rows)
-            found.append(LineRows(joints, number + places, bounds))
-            rows.joints[0], rows.places[0] = rows.joints[count - 1], rows.places[count - 1]
+            joints, parameters, bounds = (column[1:count].copy() for column in rows)
+            found.append(LineRows(joints, number + parameters, bounds))
+            rows.joints[0], rows.parameters[0] = rows.joints[count - 1], rows.parameters[count - 1]
         if outcome != REACHED:
             break
-    joints, places, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
+    joints, parameters, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
     stopped_by, status, fraction = "", "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached", 1.0
     if outcome != REACHED:
-        lengths, place = np.array([line.length for line in lines]), float(places[-1])
-        fraction = float(np.clip(place - np.arange(len(lines)), 0.0, 1.0) @ lengths / lengths.sum())
+        lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
+        fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ lengths / lengths.sum())
         stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], rows.joints[count])
-        number = min(int(place), len(lines) - 1)
-        left, line = number + 1 - place, lines[number]
+        number = min(int(parameter), len(lines) - 1)
+        left, line = number + 1 - parameter, lines[number]
         ahead = f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad before poses[{number}]"
         status = f"stopped after {100.0 * fraction:.3g} %, {ahead}: {reason}"
     deviation, angle = bounds.max(axis=0).tolist()
@@ -301,7 +302,7 @@ def follow_lines(
         poses=frozen(corners),
         tolerance=(float(tolerance[0]), float(tolerance[1])),
         waypoints=frozen(joints),
-        places=frozen(places),
+        parameters=frozen(parameters),
         certified=outcome == REACHED,
         fraction=fraction,
         deviation=deviation,
@@ -337,9 +338,9 @@ def _explain_stop(snapshot: Snapshot, branch: Branch, outcome: int, last: Floats
 
 
 @kernel
-def place_target(line: Line, place: float, target: Floats) -> None:
-    """Write the pose at a place of a line into ``target``, shape (4, 4)."""
-    value = place * line.angle
+def write_target(line: Line, parameter: float, target: Floats) -> None:
+    """Write the pose at a parameter of a line into ``target``, shape (4, 4)."""
+    value = parameter * line.angle
     sine, versine = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2
     axis = row_at(line.axis, 0)
     for k in range(3):
@@ -349,7 +350,7 @@ def place_target(line: Line, place: float, target: Floats) -> None:
         turned = add_scaled(add_scaled(u, side, sine), cross(axis, side), versine)
         for i in range(3):
             target[i, k] = turned[i]
-        target[k, 3] = line.origin[k] + place * line.direction[k]
+        target[k, 3] = line.origin[k] + parameter * line.direction[k]
 
 
 @kernel
@@ -364,7 +365,7 @@ def bound_deviation(
 ) -> tuple[float, float, float, float]:
     """Bound how far a frame leaves a line on a motion of its branch.
 
-    The motion leads from ``scratch.first`` to ``scratch.last``, the place from ``start`` to ``stop``. Returns the
+    The motion leads from ``scratch.first`` to ``scratch.last``, the parameter from ``start`` to ``stop``. Returns the
     proven bounds of deviation and angle, and the largest deviation and angle halfway through the parts.
     """
     pose, line, q0, q1 = problem.pose, problem.line, scratch.first, scratch.last
@@ -379,7 +380,7 @@ def bound_deviation(
     for k in range(parts):
         t = (2 * k + 1) * half
         forward_kinematics(chain, q0, q1, t, poses)
-        place_target(line, start + t * rate, target)
+        write_target(line, start + t * rate, target)
         apart, turned, _ = compare_pose(pose, scratch.pose, scratch.error)
         point, spin = column(tip, 3), column(poses[last], 4)
         error = minus(point, column(target, 3))
@@ -405,15 +406,15 @@ def bound_deviation(
 def try_step(
     problem: LineProblem, rows: LineRows, n: int, stop: float, scratch: LineScratch
 ) -> tuple[int, float, float, float]:
-    """Try to move the frame from the place of row n - 1 to another one, and write row n.
+    """Try to move the frame from row n - 1 to parameter ``stop``, and write row n.
 
     Returns REACHED or why it fails, the largest deviation or angle that was seen as a share of the tolerance, and the
     proven bounds of both.
     """
-    pose, tolerance, start = problem.pose, problem.pose.tolerance, rows.places[n - 1]
+    pose, tolerance, start = problem.pose, problem.pose.tolerance, rows.parameters[n - 1]
     for k in range(len(problem.joints)):
         scratch.first[k] = scratch.last[k] = rows.joints[n - 1, problem.joints[k]]
-    place_target(problem.line, stop, pose.target)
+    write_target(problem.line, stop, pose.target)
     distance, turned, _ = descend(pose, scratch.last, scratch.pose)
     if not (distance <= tolerance[0] and turned <= tolerance[1]):
         return OUT_OF_REACH, np.inf, np.inf, np.inf
@@ -443,14 +444,14 @@ def try_step(
 
 @kernel
 def add_rows(problem: LineProblem, rows: LineRows, step: float, scratch: LineScratch) -> tuple[int, int, float]:
-    """Follow a line from the place of the first row, writing rows until it ends, a step fails, or the rows are full.
+    """Follow a line from the first row, writing rows until the line ends, a step fails, or the rows are full.
 
     Returns the number of rows, why it ended, and the length of the next step. Row 0 is given; a row beyond the last one
     has the configuration of the step that failed.
     """
     n = 1
-    while n < len(rows.places):
-        start = rows.places[n - 1]
+    while n < len(rows.parameters):
+        start = rows.parameters[n - 1]
         if start >= 1.0:
             return n, REACHED, step
         # A step that leaves a small rest is cut in two halves or takes the rest too.
@@ -459,7 +460,7 @@ def add_rows(problem: LineProblem, rows: LineRows, step: float, scratch: LineScr
         outcome, share, deviation, angle = try_step(problem, rows, n, stop, scratch)
         taken = stop - start
         if outcome == REACHED:
-            rows.places[n], rows.bounds[n, 0], rows.bounds[n, 1] = stop, deviation, angle
+            rows.parameters[n], rows.bounds[n, 0], rows.bounds[n, 1] = stop, deviation, angle
             n += 1
             # The deviation grows with the square of the step. Steps shrink only when one fails, so that their number
             # stays bounded where the deviation approaches the tolerance slowly.
@@ -474,4 +475,4 @@ def add_rows(problem: LineProblem, rows: LineRows, step: float, scratch: LineScr
             step = max(taken * min(max(STEP_SAFETY / math.sqrt(share), 0.1), 0.7), MIN_LINE_STEP)
         else:
             step = max(0.5 * taken, MIN_LINE_STEP)
-    return n, REACHED if rows.places[n - 1] >= 1.0 else FULL, step
+    return n, REACHED if rows.parameters[n - 1] >= 1.0 else FULL, step

@@ -54,13 +54,13 @@ def sample_motion(waypoints: np.ndarray, samples: int) -> tuple[np.ndarray, np.n
 
 
 def sample_deviation(motion: LineMotion, poses: Poses, samples: int = 33) -> tuple[float, float]:
-    """Return the largest distance and angle between the frame and its place on the line, at samples."""
+    """Return the largest distance and angle between the frame and its target, at samples."""
     if len(motion.waypoints) < 2:
         return 0.0, 0.0
     q, times = sample_motion(motion.waypoints, samples)
-    places = motion.places[:-1, None] + times * np.diff(motion.places)[:, None]
-    number = np.minimum(motion.places[:-1].astype(int), len(motion.poses) - 2)
-    share = (places - number[:, None]).clip(0.0, 1.0)
+    parameters = motion.parameters[:-1, None] + times * np.diff(motion.parameters)[:, None]
+    number = np.minimum(motion.parameters[:-1].astype(int), len(motion.poses) - 2)
+    share = (parameters - number[:, None]).clip(0.0, 1.0)
     first, last = motion.poses[number], motion.poses[number + 1]
     reached = poses(q)
     targets = first[:, None, :3, 3] + share[..., None] * (last - first)[:, None, :3, 3]
@@ -83,14 +83,14 @@ def check_motion(motion: LineMotion, arm: Arm, poses: Poses) -> None:
     assert motion.deviation <= motion.tolerance[0] and motion.angle <= max(motion.tolerance[1], math.pi)
     assert motion.angle <= motion.tolerance[1]
     assert ((motion.waypoints >= arm.lower) & (motion.waypoints <= arm.upper)).all()
-    places, end = motion.places, len(motion.poses) - 1
-    assert places[0] == 0.0 and (np.diff(places) > 0.0).all()
-    assert set(range(int(places[-1]) + 1)) <= set(places.tolist())  # each pose that it reaches is a waypoint
-    assert motion.certified == (places[-1] == end) == (motion.fraction == 1.0) == (not motion.stopped_by)
+    parameters, end = motion.parameters, len(motion.poses) - 1
+    assert parameters[0] == 0.0 and (np.diff(parameters) > 0.0).all()
+    assert set(range(int(parameters[-1]) + 1)) <= set(parameters.tolist())  # each pose that it reaches is a waypoint
+    assert motion.certified == (parameters[-1] == end) == (motion.fraction == 1.0) == (not motion.stopped_by)
     assert 0.0 <= motion.fraction <= 1.0
     if not motion.certified:
         assert motion.stopped_by in {"collision", "limit", "reach", "jump"}
-        assert f"before poses[{int(places[-1])}]" in motion.status
+        assert f"before poses[{int(parameters[-1])}]" in motion.status
 
 
 def draw_line(folder: Path, seed: int, count: int) -> tuple[ArmSpace, ArmOracle, Poses, np.ndarray, np.ndarray]:
@@ -185,8 +185,8 @@ def test_bounds_hold_for_any_motion_and_line(seed: int, count: int, size: float,
         problem = LineProblem(line, pose, scene, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
         start, stop = np.sort(rng.uniform(size=2)).tolist()
         bounds = np.array(bound_deviation(problem, start, stop, parts, scratch))
-        places, waypoints = np.array([start, stop]), np.array([q0, q1])
-        motion = LineMotion("tool0", ends, (1.0, 1.0), waypoints, places, False, 0.0, *bounds[:2], "", "")
+        parameters, waypoints = np.array([start, stop]), np.array([q0, q1])
+        motion = LineMotion("tool0", ends, (1.0, 1.0), waypoints, parameters, False, 0.0, *bounds[:2], "", "")
         deviation, angle = sample_deviation(motion, poses, 129)
         assert deviation <= bounds[0] + ROUNDING and min(angle, math.pi) <= bounds[1] + ROUNDING
         assert bounds[2] <= deviation + ROUNDING + size / 4 and bounds[2] <= bounds[0] and bounds[3] <= bounds[1]
@@ -229,7 +229,7 @@ def test_real_arms_stay_near_lines_by_pinocchio(data: Path, name: str, frame: st
         reasons.append(motion.stopped_by)
         if motion.certified:
             ratios.append(motion.deviation / sample_deviation(motion, poses)[0])
-            last = motion.waypoints[motion.places >= 2.0]
+            last = motion.waypoints[motion.parameters >= 2.0]
             turns = Rotation.from_matrix(poses(last)[:, :3, :3]) * Rotation.from_matrix(corners[2, :3, :3]).inv()
             assert (turns.magnitude() <= motion.angle + ROUNDING).all()
     assert reasons.count("") >= 2 and len(set(reasons)) >= 2
@@ -299,7 +299,7 @@ def test_poses_equal_to_the_start_are_reached_at_once(tmp_path: Path) -> None:
     motion = space.follow_line((0.3, 0.4), "hand", [here, here])
     assert motion.certified and motion.fraction == 1.0
     np.testing.assert_array_equal(motion.waypoints, [(0.3, 0.4)] * 3)
-    np.testing.assert_array_equal(motion.places, (0.0, 1.0, 2.0))
+    np.testing.assert_array_equal(motion.parameters, (0.0, 1.0, 2.0))
     assert 0.0 < motion.deviation < 1e-10
 
 
@@ -333,7 +333,7 @@ def test_motions_are_read_only_and_can_be_pickled(tmp_path: Path) -> None:
     np.testing.assert_array_equal(copied.waypoints, motion.waypoints)
     assert repr(copied) == repr(motion)
     assert repr(motion).startswith("LineMotion(hand: pose reached; within ")
-    for array in (motion.poses, motion.waypoints, motion.places):
+    for array in (motion.poses, motion.waypoints, motion.parameters):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
 
