@@ -132,8 +132,8 @@ class Cells(NamedTuple):
         Places between the ends of a drive that it touches, relative to its start.
     lengths, angles : ndarray of float64, shape (h,)
         Cost of a drive, and of the turn to the next heading, in cells.
-    reverses : bool
-        Whether the robot also drives in reverse.
+    reverse_weight : float
+        Cost of a drive in reverse, as a multiple of that of the drive ahead; infinite if the robot does not reverse.
     start : int
         State at which the search ends.
     angles_to_start : ndarray of float64, shape (h,)
@@ -149,7 +149,7 @@ class Cells(NamedTuple):
     touched: Ints
     lengths: Floats
     angles: Floats
-    reverses: bool
+    reverse_weight: float
     start: int
     angles_to_start: Floats
     margin: float
@@ -330,7 +330,8 @@ def _spread_costs(
     """
     grid, strides = edges.space.grid, np.array([edges.space.grid.shape[1] + 2 * PAD, 1])
     free, turns = _mark_free_places(edges, yaws, until)
-    weight = (edges.turning_radius or METRES_PER_RADIAN) / grid.spacing
+    is_car, weight = edges.turning_radius is not None, (edges.turning_radius or METRES_PER_RADIAN) / grid.spacing
+    reverse_weight = math.inf if not _reverses(edges) else REVERSE_WEIGHT if is_car else 1.0
     # Lists of touched cells differ in length; a drive's own start fills the shorter ones.
     lists = [_touched_cells(*step) for step in steps.tolist()]
     touched = np.array([[*cells, *[(0, 0)] * (max(map(len, lists)) - len(cells))] for cells in lists])
@@ -346,10 +347,10 @@ def _spread_costs(
         touched @ strides,
         np.hypot(*steps.T),
         weight * np.diff(yaws, append=yaws[0] + TWO_PI),
-        _reverses(edges),
+        reverse_weight,
         start,
         weight * np.abs(wrapped(yaws - endpoints[0][2])),
-        MARGIN_CELLS[edges.turning_radius is not None],
+        MARGIN_CELLS[is_car],
     )
     # The search begins with one entry: the goal, in the first bucket.
     table, entries = np.zeros(free.size * len(yaws), np.float32), np.empty((INITIAL_LATTICE_NODES, 2), np.int64)
@@ -579,7 +580,7 @@ def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, count
         place, heading, cost = state // headings, state % headings, float(table[state])
         bit = one << np.uint64(heading)
         table[state] = -cost
-        for move in range(4 if cells.reverses else 3):
+        for move in range(4 if cells.reverse_weight < math.inf else 3):
             if move < DRIVE_AHEAD:
                 turn = (heading + headings - move) % headings
                 if not (turns[place] >> np.uint64(turn)) & one:
@@ -596,6 +597,8 @@ def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, count
                 if not is_free & bit:
                     continue
                 other, total = (place + step) * headings + heading, cost + cells.lengths[heading]
+                if move == DRIVE_BACK:
+                    total += (cells.reverse_weight - 1.0) * cells.lengths[heading]
             known = abs(table[other])
             if known > 0.0 and known <= total + KNOWN_TOLERANCE:
                 continue
