@@ -179,6 +179,9 @@ def test_cars_leave_a_bug_trap(options: dict[str, Any]) -> None:
     plan = planners.plan(space, (6.0, 12.0, 0.0), (-39.0, 0.0, 0.0), time_limit=20.0, **options)
     assert plan.certified and plan.planner == "Lattice"
     assert plan.lower_bound < plan.length < 140.0
+    if options["drive"] == "reeds-shepp":  # it turns round before it drives far
+        assert plan.direction is not None
+        assert np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1)[plan.direction[1:] < 0].sum() < 20.0
 
 
 @pytest.mark.parametrize("radius", [2.5, 4.0])
