@@ -346,7 +346,7 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
         centers, radii, _, gap = _nearest_balls(
-            lattice, [*_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)]
+            lattice, [*_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)], grow=False
         )
     inside_shape = radii > 0.0
     centers, radii = centers[inside_shape], radii[inside_shape]
@@ -382,20 +382,23 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
     if number is not None:
         # Covering whole cells takes more than covering the shape, so only the centers are kept; each ball around them
         # grows as the shape needs. Balls that fill the shape are nearer where it is smooth, so they are tried too.
-        centers, depths, growths, _ = _nearest_balls(lattice, [*_fill_greedily(lattice, number), balls])
+        centers, depths, growths, _ = _nearest_balls(lattice, [*_fill_greedily(lattice, number), balls], grow=True)
         tried, radii = len(centers), (depths + growths) * (1.0 + 2.0**-40)
         centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii), tried
 
 
-def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tuple[Floats, Floats, Floats, Gap | None]:
+def _nearest_balls(
+    lattice: Lattice, choices: list[LatticeBalls | None], *, grow: bool
+) -> tuple[Floats, Floats, Floats, Gap | None]:
     """Select the choice of balls that is nearest to the shape.
 
     Each choice gives the centers; the balls are the largest balls in the shape around them. The selected choice has the
     smallest maximum distance from a point of the shape to the balls.
 
-    Returns centers (n, d) and radii (n,) in metres, how much each ball must grow for all to cover the shape (n,), and
-    bounds of that distance. Radii are negative outside the shape. Without any choice, n is 0 and the bounds are None.
+    Returns centers (n, d) and radii (n,) in metres, the growth of each ball with which all cover the shape (n,) if
+    ``grow`` is set, and bounds of that distance. Radii are negative outside the shape. Without any choice, n is 0 and
+    the bounds are None.
     """
     points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
     found: tuple[Floats, Floats, Floats, Gap | None] = (np.empty((0, lattice.region.dim)), *np.empty((2, 0)), None)
@@ -406,9 +409,9 @@ def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tupl
         depths = lattice.region.depths(centers)
         # The points alone show for most choices that they are not the nearest.
         if best == math.inf or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best:
-            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
-            if growths.max() < best:
-                best, found = float(growths.max()), (centers, depths, growths, (low, high))
+            low, high, growths = bound_shape_to_balls(lattice, centers, depths, grow=grow)
+            if high < best:
+                best, found = high, (centers, depths, growths, (low, high))
     return found
 
 

@@ -17,6 +17,7 @@ from cspace.grid import Grid
 from cspace.kernels import point_segment, point_triangle, row_at
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
+from cspace.spectral.trees import BallTree
 from cspace.threads import in_chunks
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
@@ -97,7 +98,7 @@ SIZE_TOLERANCE: Final = 1e-4
 MAX_GAP_HALVINGS: Final = 14
 """Largest number of times that the boxes that bound a distance are halved."""
 
-MAX_GAP_BOXES: Final = 1_000_000
+MAX_GAP_BOXES: Final = 4_000_000
 """Largest number of boxes processed at once."""
 
 DIRECTIONS_PER_BALL: Final = 200
@@ -144,17 +145,17 @@ class ShapeBoundary:
         near, far = self._distances(points)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
-    def gaps(self, points: Floats) -> Floats:
-        """Compute lower bounds of the distances to the shape.
+    def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
+        """Compute lower bounds of the distances to the shape, at most ``cap``.
 
         ``points`` has shape (n, d), the result (n,), metres; 0 inside the shape.
         """
         outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
-        gaps[outside] = np.maximum(self._distances(points[outside])[0] - self.error, 0.0)
+        gaps[outside] = np.maximum(self._distances(points[outside], cap)[0] - self.error, 0.0)
         return gaps
 
-    def _distances(self, points: Floats) -> tuple[Floats, Floats]:
-        """Compute bounds of the distances to the boundary.
+    def _distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
+        """Compute bounds of the distances to the boundary, at most ``cap``.
 
         ``points`` has shape (n, d). Returns lower and upper bounds, shape (n,), metres, with errors of at most
         :attr:`error`.
@@ -164,7 +165,7 @@ class ShapeBoundary:
 
         def work(start: int, stop: int) -> int:
             chunk = slice(start, stop)
-            bound_distances(self.tree, spatial[chunk], near[chunk], far[chunk])
+            bound_distances(self.tree, spatial[chunk], cap, near[chunk], far[chunk])
             return -1
 
         in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
@@ -233,12 +234,12 @@ class Region:
         """
         return self.inner.depths(points)
 
-    def gaps(self, points: Floats) -> Floats:
-        """Compute lower bounds of the distances to the shape.
+    def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
+        """Compute lower bounds of the distances to the shape, at most ``cap``.
 
         ``points`` has shape (n, d), the result (n,), metres.
         """
-        return self.outer.gaps(points)
+        return self.outer.gaps(points, cap)
 
 
 class Lattice:
@@ -402,20 +403,20 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
 
 
 @kernel
-def bound_distances(tree: PieceTree, points: Floats, near: Floats, far: Floats) -> None:
-    """Write bounds of the distances from points to the boundary.
+def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
+    """Write bounds of the distances from points to the boundary, at most ``cap``.
 
     ``points`` has shape (n, 3); ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is
     fast if consecutive points are close together.
     """
     for n in range(len(points)):
-        cap = math.inf
+        limit = cap
         if n > 0:  # the triangle inequality with the previous point
             square = 0.0
             for axis in range(3):
                 square += (points[n, axis] - points[n - 1, axis]) ** 2
-            cap = (far[n - 1] + math.sqrt(square)) * 1.000001 + 1e-300
-        near[n], far[n] = bound_distance(tree, points[n], cap)
+            limit = min(cap, (far[n - 1] + math.sqrt(square)) * 1.000001 + 1e-300)
+        near[n], far[n] = bound_distance(tree, points[n], limit)
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
@@ -448,14 +449,17 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
     return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
 
 
-def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float, Floats]:
+def bound_shape_to_balls(
+    lattice: Lattice, centers: Floats, radii: Floats, *, grow: bool = False
+) -> tuple[float, float, Floats]:
     """Compute bounds of the largest distance from a shape to balls.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
     point are halved until the bounds are close. ``centers`` has shape (n, d), ``radii`` (n,), metres.
 
-    Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to the ball that
-    contains it after the least growth, so the grown balls cover the shape. The growth is -inf for a ball without boxes.
+    Returns the bounds, in metres, and the growth of each ball, shape (n,). With ``grow``, each box is assigned to the
+    ball that contains it after the least growth, so the grown balls cover the shape. The growth is -inf for a ball
+    without boxes.
     """
     region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
@@ -470,13 +474,17 @@ def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tu
         low = max(low, float(near[deeper][region.depths(box_centers[deeper]) > 0.0].max(initial=0.0)))
         # Boxes that reach little beyond the lower bound are final; the others are halved.
         is_open = far > low + max(GAP_TOLERANCE * low, SIZE_TOLERANCE * region.size)
+        # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
+        kept = np.flatnonzero(is_open | (far > (np.minimum(growths[owners], high) if grow else high)))
+        if level:
+            radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error
+            kept = kept[region.gaps(box_centers[kept], 2.0 * radius) <= radius]
+        box_centers, far, owners, is_open = box_centers[kept], far[kept], owners[kept], is_open[kept]
         if level == MAX_GAP_HALVINGS or np.count_nonzero(is_open) * len(halves) > MAX_GAP_BOXES:
             is_open[:] = False
         high = max(high, float(far[~is_open].max(initial=0.0)))
         np.maximum.at(growths, owners[~is_open], far[~is_open])
         box_centers, half = (box_centers[is_open, None] + half * halves).reshape(-1, dim), 0.5 * half
-        # Drop boxes that are proven to lie outside the shape.
-        box_centers = box_centers[region.gaps(box_centers) <= half * math.sqrt(dim) * (1.0 + 1e-9) + error]
         if not len(box_centers):
             break
     return max(low - error, 0.0), max(high, low) + error, growths + error
@@ -506,35 +514,56 @@ def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tu
     the index of that ball. Lengths are negative deep in a ball.
     """
     near, far, owners = np.empty(len(points)), np.empty(len(points)), np.empty(len(points), dtype=np.int64)
+    flat = 3 - points.shape[1]
+    # Trees need radii of zero or above; all grow by one length, which the results lose again.
+    growth = max(0.0, -float(radii.min()))
+    tree, spatial = BallTree.of(centers, radii + growth), np.ascontiguousarray(np.pad(points, ((0, 0), (0, flat))))
+    halves = np.array([half] * points.shape[1] + [0.0] * flat)
 
     def work(start: int, stop: int) -> int:
-        chunk = slice(start, stop)
-        measure_cubes(points[chunk], half, centers, radii, near[chunk], far[chunk], owners[chunk])
+        chunk, pending = slice(start, stop), np.empty(MAX_PENDING_NODES, dtype=np.int64)
+        measure_cubes(spatial[chunk], halves, tree, pending, near[chunk], far[chunk], owners[chunk])
         return -1
 
     in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
-    return near, far, owners
+    return near + growth, far + growth, tree.order[owners]
 
 
 @kernel
 def measure_cubes(
-    points: Floats, half: float, centers: Floats, radii: Floats, near: Floats, far: Floats, owners: Ints
+    points: Floats, halves: Floats, tree: BallTree, pending: Ints, near: Floats, far: Floats, owners: Ints
 ) -> None:
-    """Write the results of :func:`cube_gaps`."""
-    dim = points.shape[1]
+    """Write the results of :func:`cube_gaps`; owners are in the order of the tree's leaves.
+
+    ``points`` has shape (n, 3), ``halves``, half the sides of a cube, shape (3,). ``pending`` is scratch.
+    """
+    nodes, sizes = tree.nodes, tree.sizes
+    half, owner, owner_node = halves[0], 0, 0
     for n in range(len(points)):
-        nearest, growth, owner = math.inf, math.inf, 0
-        for ball in range(len(centers)):
+        nearest, growth = math.inf, math.inf
+        # A node is stored with the index of its first leaf. The previous owner comes first, because it is mostly near.
+        pending[0], pending[1], count = 0, owner_node << 32 | owner, 1 + (n > 0)
+        while count > 0:
+            count -= 1
+            node, start = pending[count] >> 32, pending[count] & 0xFFFFFFFF
             center_square, corner_square = 0.0, 0.0
-            for axis in range(dim):
-                offset = abs(points[n, axis] - centers[ball, axis])
+            for axis in range(3):
+                offset = abs(points[n, axis] - nodes[node, axis])
                 center_square += offset * offset
-                corner_square += (offset + half) * (offset + half)
-            # Few balls are nearer than all before, so that most roots are not needed.
-            reach = max(nearest + radii[ball], 0.0)
-            if center_square < reach * reach:
-                nearest = math.sqrt(center_square) - radii[ball]
-            reach = max(growth + radii[ball], 0.0)
-            if corner_square < reach * reach:
-                growth, owner = math.sqrt(corner_square) - radii[ball], ball
+                corner_square += (offset + halves[axis]) * (offset + halves[axis])
+            # A ball of the node is no nearer than the node, and its corner distance exceeds that by half a side or
+            # more. Few nodes pass, so that most roots are not needed.
+            reach = max(max(nearest, growth - half) + nodes[node, 3], 0.0)
+            if center_square >= reach * reach:
+                continue
+            if sizes[node] > 1:
+                middle = sizes[node] // 2
+                pending[count] = (node + 2 * middle) << 32 | (start + middle)
+                pending[count + 1] = (node + 1) << 32 | start
+                count += 2
+                continue
+            nearest = min(nearest, math.sqrt(center_square) - nodes[node, 3])
+            needed = math.sqrt(corner_square) - nodes[node, 3]
+            if needed < growth:
+                growth, owner, owner_node = needed, start, node
         near[n], far[n], owners[n] = nearest, growth, owner

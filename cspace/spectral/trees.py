@@ -39,10 +39,13 @@ class BallTree(NamedTuple):
         Center, with z = 0 in the plane, and radius of a ball that contains all balls of the node. A leaf is a ball.
     sizes : ndarray of int64, shape (2 n - 1,)
         Balls of the node. The children of node k are k + 1 and k + 2 * (size // 2).
+    order : ndarray of int64, shape (n,)
+        Index of the ball of each leaf, from left to right.
     """
 
     nodes: Floats
     sizes: Ints
+    order: Ints
 
     @classmethod
     def of(cls, centers: Floats, radii: Floats) -> BallTree:
@@ -52,20 +55,20 @@ class BallTree(NamedTuple):
         empty.
         """
         if not len(centers):
-            return cls(np.empty((0, 4)), np.empty(0, dtype=np.int64))
+            return cls(np.empty((0, 4)), *np.empty((2, 0), dtype=np.int64))
         from scipy.spatial import cKDTree
 
         flat, order = 3 - centers.shape[1], cKDTree(centers, leafsize=1).indices
         balls = np.column_stack([np.pad(centers, ((0, 0), (0, flat))), radii])[order]
         nodes, sizes = np.empty((2 * len(balls) - 1, 4)), np.empty(2 * len(balls) - 1, dtype=np.int64)
         fill_tree(balls, nodes, sizes, np.zeros_like(sizes))
-        return cls(nodes, sizes)
+        return cls(nodes, sizes, order.astype(np.int64))
 
     def rotated(self, matrix: Floats) -> BallTree:
         """Rotate the tree about the origin."""
         nodes, dim = self.nodes.copy(), len(matrix)
         nodes[:, :dim] = nodes[:, :dim] @ matrix.T
-        return BallTree(nodes, self.sizes)
+        return self._replace(nodes=nodes)
 
 
 @kernel

@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 from cspace.demo import floor_plan
 from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
-from cspace.spectral.regions import bound_ball_measure
+from cspace.spectral.regions import bound_ball_measure, cube_gaps
 from tests.oracles import distance_to_triangles, sample_surface, winds_around
 from tests.strategies import seeds, stars
 
@@ -260,7 +260,7 @@ NEAR = {
     "ring": (FLAT["ring"], 0.06),
     "box": (SOLIDS["box"], 0.15),
     "torus": (SOLIDS["torus"], 0.15),
-    "capsule": (trimesh.creation.capsule(1.0, 0.3, count=[12, 12]), 0.05),
+    "capsule": (trimesh.creation.capsule(1.0, 0.3, count=[8, 8]), 0.06),
 }
 
 
@@ -268,13 +268,33 @@ NEAR = {
 @pytest.mark.parametrize("name", NEAR)
 def test_more_balls_are_nearer_and_as_near_as_with_a_tolerance(name, kind):
     shape, tolerance = NEAR[name]
-    distances = [decompose(shape, kind=kind, number=number).hausdorff.upper for number in (6, 12, 24)]
-    # Bounds of a distance differ by up to 2 %.
-    assert (np.diff(distances) <= 0.02 * np.array(distances[:-1])).all()
-    assert distances[-1] < 0.7 * distances[0]
     within = decompose(shape, kind=kind, tolerance=tolerance)
-    again = decompose(shape, kind=kind, number=math.ceil(1.1 * len(within)))
-    assert again.hausdorff.upper <= tolerance
+    enough = math.ceil(1.1 * len(within))
+    numbers = sorted({6, enough, 24})
+    found = {number: decompose(shape, kind=kind, number=number).hausdorff.upper for number in numbers}
+    assert found[enough] <= tolerance
+    # Bounds of a distance differ by up to 2 %.
+    distances = np.array(list(found.values()))
+    assert (np.diff(distances) <= 0.02 * distances[:-1]).all()
+    assert distances[-1] < 0.7 * distances[0]
+
+
+def test_bounds_of_the_distance_are_tight_for_many_balls():
+    low, high = decompose(SOLIDS["torus"], number=150).hausdorff
+    assert low <= high <= 1.03 * low
+
+
+@given(dim=st.sampled_from([2, 3]), number=st.integers(1, 60), seed=seeds)
+def test_cubes_are_measured_against_all_balls(dim, number, seed):
+    rng = np.random.default_rng(seed)
+    points, centers = rng.uniform(-1.2, 1.2, (40, dim)), rng.uniform(-1.0, 1.0, (number, dim))
+    radii, half = rng.uniform(-0.2, 0.3, number), rng.choice([0.0, 0.01, 0.3])
+    near, far, owners = cube_gaps(points, half, centers, radii)
+    offsets = np.abs(points[:, None] - centers)
+    growths = np.linalg.norm(offsets + half, axis=2) - radii
+    assert near == pytest.approx((np.linalg.norm(offsets, axis=2) - radii).min(axis=1), abs=1e-12)
+    assert far == pytest.approx(growths.min(axis=1), abs=1e-12)
+    assert growths[np.arange(40), owners] == pytest.approx(far, abs=1e-12)
 
 
 def test_decompose_is_deterministic():
