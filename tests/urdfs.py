@@ -75,6 +75,21 @@ def planar(folder: Path, **changes: Any) -> Path:
     )
 
 
+def planar_with_tool(folder: Path) -> Path:
+    """Write two bars of 1 m in the plane, with a tool at their end; the elbow has no limits."""
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    return write_urdf(
+        folder,
+        link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))),
+        link("upper", bar),
+        link("fore", bar),
+        link("tool0"),
+        joint("shoulder", "foot", "upper"),
+        joint("elbow", "upper", "fore", at=(1, 0, 0), kind="continuous", limits=None),
+        joint("mount", "fore", "tool0", at=(1, 0, 0), kind="fixed", limits=None),
+    )
+
+
 def post() -> PosedShape:
     """Return a post that only the folded planar arm passes."""
     return posed_box((0.2, 0.2, 1.0), 1.55, 0.6)

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
 from cspace.view import Viewer
 from cspace.view.scene import rgb
 from tests.pages import node
-from tests.urdfs import planar, posed_box
+from tests.urdfs import planar, planar_with_tool, posed_box
 from tests.waiting import until
 
 pytest.importorskip("viser")
@@ -178,8 +179,49 @@ def test_page_of_an_arm_moves_and_plans(browser: Any, tmp_path: Path) -> None:
         until(lambda: measure_green(browser) < 0.3 * before)  # it is light blue
         viewer.page.panel.time_limit.value = 30.0
         press(browser, "Plan")
-        until(lambda: "Path found, certified: every edge is proven free." in read_text(browser))
+        until(lambda: "Path found, certified: every edge is proven free." in read_text(browser), 60.0)  # compiles
         viewer.page.move(np.array([-0.3, 0.3]))
         press(browser, "goal")
         until(lambda: "The straight motion is free: proven." in read_text(browser))
         np.testing.assert_allclose(viewer.page.marks["goal"], [-0.3, 0.3])
+
+
+def test_a_mouse_drags_the_tool_of_an_arm_to_a_plan(browser: Any, tmp_path: Path) -> None:
+    pytest.importorskip("yourdfpy")
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar_with_tool(tmp_path)))
+    with space.view(block=False, port=0, start=(-0.6, 0.9), goal=(2.0, -0.6)) as viewer:
+        assert viewer.page.wait(60.0)
+        browser.get(viewer.url)
+        until(lambda: viewer.server.get_clients() and measure_green(browser) > 0.003)
+        (client,) = viewer.server.get_clients().values()
+        tool = node(viewer, "/tool")
+        center, along = np.array(tool.position), Rotation.from_quat(tool.wxyz, scalar_first=True).apply((0.0, 1.0, 0.0))
+        drag(browser, *(project(client.camera, center + share * tool.scale * along) for share in (0.9, 1.8)))
+        until(lambda: viewer.plan is not None, 60.0)  # compiles
+        assert viewer.page.wait(60.0)
+        assert viewer.plan is not None and viewer.plan.certified
+        moved = np.array(tool.position) - center
+        np.testing.assert_allclose(moved / np.linalg.norm(moved), along, atol=1e-2)  # the axis that the mouse drew
+        np.testing.assert_allclose(viewer.plan.path[0], (-0.6, 0.9))
+        until(lambda: "Path found, certified: every edge is proven free." in read_text(browser))
+
+
+def project(camera: Any, point: Any) -> NDArray[np.int64]:
+    """Return the pixel at which a camera shows a point."""
+    turn = Rotation.from_quat(camera.wxyz, scalar_first=True)
+    *across, depth = turn.inv().apply(np.asarray(point) - camera.position)
+    focal = camera.image_height / (2.0 * np.tan(camera.fov / 2.0))
+    center = np.array([camera.image_width, camera.image_height]) / 2.0
+    return np.rint(center + focal * np.array(across) / depth).astype(np.int64)
+
+
+def drag(browser: Any, first: NDArray[np.int64], last: NDArray[np.int64]) -> None:
+    """Drag the mouse from a pixel to another one."""
+    chain = webdriver.ActionChains(browser, duration=100)
+    mouse = chain.w3c_actions.pointer_action
+    mouse.move_to_location(*first.tolist())
+    mouse.click_and_hold()
+    for share in np.linspace(0.2, 1.0, 5):
+        mouse.move_to_location(*np.rint(first + share * (last - first)).astype(int).tolist())
+    mouse.release()
+    chain.perform()

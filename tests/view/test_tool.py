@@ -18,7 +18,7 @@ from cspace.plot.arms import GHOST_COUNT
 from cspace.view import Viewer
 from tests.pages import connected, drag, node
 from tests.refusals import refusals
-from tests.urdfs import joint, link, pose_at, pose_of, posed_box, random_chain, write_urdf
+from tests.urdfs import planar_with_tool, pose_at, pose_of, posed_box, random_chain
 from tests.waiting import until
 
 pytest.importorskip("viser")
@@ -27,24 +27,9 @@ pytest.importorskip("yourdfpy")
 START = np.array([-0.6, 0.9])
 
 
-def write_arm(folder: Path) -> Path:
-    """Write two bars of 1 m in the plane, with a tool at their end; the elbow has no limits."""
-    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
-    return write_urdf(
-        folder,
-        link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))),
-        link("upper", bar),
-        link("fore", bar),
-        link("tool0"),
-        joint("shoulder", "foot", "upper"),
-        joint("elbow", "upper", "fore", at=(1, 0, 0), kind="continuous", limits=None),
-        joint("mount", "fore", "tool0", at=(1, 0, 0), kind="fixed", limits=None),
-    )
-
-
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_arm(tmp_path_factory.mktemp("tool"))
+    return planar_with_tool(tmp_path_factory.mktemp("tool"))
 
 
 @pytest.fixture(scope="module")
