@@ -77,6 +77,11 @@ def test_a_dragged_tool_is_followed_and_planned_to(path: Path, space: cspace.Arm
     np.testing.assert_allclose(page.marks["goal"], plan.goal)
     assert "certified" in page.panel.answer.content and page.panel.share.value == 100.0
     assert not tool.is_held
+    page.drag(pose_at(1.4, -0.6))  # the next plan begins where this one ended
+    page.release()
+    assert page.wait(60.0)
+    assert page.plan is not None and page.plan is not plan
+    np.testing.assert_allclose(page.plan.path[0], plan.path[-1], atol=1e-9)
 
 
 def test_a_plan_is_drawn_as_the_path_of_the_tool_and_pale_arms(path: Path, viewer: Viewer) -> None:
@@ -140,6 +145,17 @@ def test_a_pose_in_collision_is_reached_but_not_free(space: cspace.ArmSpace, vie
     distance = space.closest(START).distance
     assert page.panel.state.content.endswith(f"closest pair: fore and post, at least {distance:.3f} m apart: proven")
     assert node(viewer, "/contact/label").text == f"{distance:.3f} m"
+
+
+def test_a_free_configuration_at_the_pose_is_preferred(path: Path) -> None:
+    """Block the nearer of the two configurations at a position."""
+    block = {"block": posed_box((0.2, 0.2, 0.2), 0.6, -0.8)}  # the elbow on the near side is at its center
+    with cspace.build_arm_space(block, cspace.Arm.from_urdf(path)).view(block=False, port=0, start=START) as viewer:
+        viewer.page.drag(pose_at(1.2, 0.0))
+        assert viewer.page.wait(60.0)
+        assert viewer.page.panel.tool.content == "**Reached**, proven free."
+        shoulder = viewer.canvas.robot[0]
+        np.testing.assert_allclose((math.cos(shoulder), math.sin(shoulder)), (0.6, 0.8), atol=1e-3)
 
 
 def test_a_plan_is_played_at_true_speed(
