@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from cspace import Arm, ArmSpace, ConfigurationError, InputError, Robot, build_arm_space
 from cspace.arms import LineMotion, PosedShape
-from cspace.arms.inverse import branch_to, make_pose_problem, make_pose_scratch
+from cspace.arms.inverse import make_pose_problem, make_pose_scratch
 from cspace.arms.lines import LineProblem, LineScratch, bound_deviation, make_lines
 from cspace.arms.proofs import make_scene_scratch
 from tests.refusals import refusals
 from tests.solids import ArmOracle, box
-from tests.urdfs import joint, link, planar, pose_at, pose_of, random_chain, write_urdf
+from tests.urdfs import joint, link, planar, pose_at, pose_of, posed_box, random_chain, write_urdf
 
 pytest.importorskip("yourdfpy")
 
@@ -159,6 +159,17 @@ def test_lines_that_the_arm_can_follow_are_followed(tmp_path: Path) -> None:
     assert sum(followed) >= 36
 
 
+def bound_line(arm: Arm, ends: np.ndarray, waypoints: np.ndarray, parameters: np.ndarray, parts: int) -> np.ndarray:
+    """Return the bounds of deviation and angle on a motion, and the largest values halfway through its parts."""
+    (line,) = make_lines(ends)
+    branch, tool = arm._branch_to("tool0")
+    pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
+    scene = without_collisions(arm)._outer_scene
+    scratch = LineScratch(make_pose_scratch(branch), make_scene_scratch(scene), *waypoints.copy(), np.empty(6))
+    problem = LineProblem(line, pose, scene, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
+    return np.array(bound_deviation(problem, *parameters.tolist(), parts, scratch))
+
+
 @settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -177,22 +188,39 @@ def test_bounds_hold_for_any_motion_and_line(seed: int, count: int, size: float,
         q1 = (q0 + size * rng.normal(size=arm.dof)).clip(*ranges)
         ends = poses(np.array([q0, (q0 + size * rng.normal(size=arm.dof)).clip(*ranges)]))
         assume(Rotation.from_matrix(ends[1, :3, :3] @ ends[0, :3, :3].T).magnitude() < 3.1)
-        (line,) = make_lines(ends)
-        branch, tool = arm._branch_to("tool0")
-        pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
-        scene = without_collisions(arm)._outer_scene
-        scratch = LineScratch(make_pose_scratch(branch), make_scene_scratch(scene), q0, q1, np.empty(6))
-        problem = LineProblem(line, pose, scene, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
-        start, stop = np.sort(rng.uniform(size=2)).tolist()
-        bounds = np.array(bound_deviation(problem, start, stop, parts, scratch))
-        parameters, waypoints = np.array([start, stop]), np.array([q0, q1])
+        waypoints, parameters = np.array([q0, q1]), np.sort(rng.uniform(size=2))
+        bounds = bound_line(arm, ends, waypoints, parameters, parts)
         motion = LineMotion("tool0", ends, (1.0, 1.0), waypoints, parameters, False, 0.0, *bounds[:2], "", "")
         deviation, angle = sample_deviation(motion, poses, 129)
         assert deviation <= bounds[0] + ROUNDING and min(angle, math.pi) <= bounds[1] + ROUNDING
         assert bounds[2] <= deviation + ROUNDING + size / 4 and bounds[2] <= bounds[0] and bounds[3] <= bounds[1]
         if parts == 64 and size <= 0.5:  # close enough to be of use
             assert bounds[0] <= deviation + 0.01 * size and bounds[1] <= angle + 0.1 * size
-    assert branch_to(arm.chain, len(arm.chain.parents) - 1).chain.lengths.shape == branch.chain.lengths.shape
+
+
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 7), size=st.sampled_from([0.01, 0.1, 0.4]))
+def test_bounds_hold_for_lines_tangent_to_the_motion(seed: int, count: int, size: float) -> None:
+    """Halfway, frame and target coincide and move alike, so that only the bounds of accelerations are left."""
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = random_chain(Path(folder), seed, count)
+        arm = Arm.from_urdf(path)
+        poses = poses_by_urdf(path, arm)
+        center, step = rng.uniform(*arm._ranges()), size * rng.uniform(-1.0, 1.0, arm.dof)
+        before, middle, after = poses(center + 1e-5 * step * np.array([[-1.0], [0.0], [1.0]]))
+        velocity = (after - before)[:3, 3] / 2e-5
+        spin = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec() / 2e-5
+        assume(np.linalg.norm(spin) < 3.1)
+        ends = np.array([middle, middle])
+        for end, time in zip(ends, (-0.5, 0.5), strict=True):
+            end[:3, 3] += time * velocity
+            end[:3, :3] = Rotation.from_rotvec(time * spin).as_matrix() @ end[:3, :3]
+        waypoints = center + step * np.array([[-0.5], [0.5]])
+        bounds = bound_line(arm, ends, waypoints, np.array([0.0, 1.0]), 1)
+        motion = LineMotion("tool0", ends, (1.0, 1.0), waypoints, np.arange(2.0), False, 0.0, *bounds[:2], "", "")
+        deviation, angle = sample_deviation(motion, poses)
+        # Differences give the velocities up to 1e-9.
+        assert deviation <= bounds[0] + 1e-8 and angle <= bounds[1] + 1e-8
 
 
 @pytest.mark.filterwarnings("ignore::cspace.MeshWarning", "ignore:.*without collision geometry")
@@ -285,12 +313,36 @@ def test_stops_are_explained(tmp_path: Path) -> None:
     assert np.linalg.norm(tip) == pytest.approx(2.0, abs=2e-3)
 
 
-def test_tolerance_lets_the_bar_pass_over_its_axis(tmp_path: Path) -> None:
-    """At 1 mm the bar may turn on the spot where it passes its axis at a tenth of that distance."""
-    space = polar(tmp_path)
-    line = [pose_at(0.5, 1e-4), pose_at(-0.5, 1e-4)]
-    motion = space.follow_line((0.0, 0.5), "hand", line, tolerance=FREE_ROTATION)
-    assert motion.certified == (motion.stopped_by == "")
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    thickness=st.sampled_from([0.002, 0.05]),
+)
+def test_a_gantry_stops_where_it_hits_the_first_box(seed: int, thickness: float) -> None:
+    """Straight motions of the joints are straight lines, so that a step may be as long as the line."""
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_urdf(
+            Path(folder),
+            link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.5))),
+            link("cart"),
+            link("hand", ((0.02, 0.02, 0.02), (0, 0, 0))),
+            joint("x", "foot", "cart", axis=(1, 0, 0), kind="prismatic", limits=(-1, 1)),
+            joint("y", "cart", "hand", axis=(0, 1, 0), kind="prismatic", limits=(-1, 1)),
+        )
+        arm = Arm.from_urdf(path)
+    centers, sides = rng.uniform(-0.6, 0.6, (3, 2)), rng.permuted([[thickness, 0.3, 0.1]] * 3, axis=1)
+    start, goal = rng.uniform(-0.9, 0.9, (2, 2))
+    boxes = {f"box {k}": posed_box(side, *center) for k, (side, center) in enumerate(zip(sides, centers, strict=True))}
+    space = build_arm_space(boxes, arm)
+    assume(space.is_free(start))
+    motion = space.follow_line(start, "hand", pose_at(*goal))
+    # The line enters a box, grown by half a hand, where it has crossed the nearer side along both axes.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = (centers + 0.5 * np.array([[[-1]], [[1]]]) * (sides[:, :2] + 0.02) - start) / (goal - start)
+    enters, leaves = crossings.min(axis=0).max(axis=1), crossings.max(axis=0).min(axis=1)
+    hits = enters[(enters <= leaves) & (leaves >= 0.0) & (enters <= 1.0)]
+    assert motion.certified == (not len(hits)) and motion.stopped_by == ("collision" if len(hits) else "")
+    assert motion.fraction == pytest.approx(hits.min(initial=1.0), abs=2e-4)
 
 
 def test_poses_equal_to_the_start_are_reached_at_once(tmp_path: Path) -> None:
