@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints, frozen
-from cspace.check import check_count, check_finite, check_positive, check_word
+from cspace.check import check_count, check_finite, check_flag, check_positive, check_word
 from cspace.compiling import jit, kernel
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import check_suffix, replacing
@@ -258,12 +258,23 @@ UNLIMITED_BALLS: Final = 2**40
 LATTICE_ROUNDING: Final = 2.0**-20
 """Rounding allowance, in sides of a cell: a ball reaches this far beyond the cells it contains."""
 
+EQUAL_RADII_RATIO: Final = 0.75
+"""Ratio of successive radii that are tried if all balls have one radius."""
+
+EQUAL_RADII_TRIED: Final = 12
+"""Number of radii that are tried if all balls have one radius."""
+
 MAX_POLISH_ROUNDS: Final = 6
 """Largest number of rounds in which balls are moved."""
 
 
 def decompose(
-    shape: ShapeLike, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
+    shape: ShapeLike,
+    *,
+    kind: Kind = "inner",
+    number: int | None = None,
+    tolerance: float | None = None,
+    equal_radii: bool = False,
 ) -> BallDecomposition:
     """Decompose a shape into balls.
 
@@ -286,6 +297,9 @@ def decompose(
     tolerance : float, optional
         Metres. For "inner", the largest distance of a point of the shape from the balls; for "outer", the largest
         distance of a point of the balls from the shape. Pass either this or ``number``.
+    equal_radii : bool
+        Whether all balls have one radius: the balls are the Minkowski sum of their centers and one ball (Behandish and
+        Ilies, 2016). Their spectrum takes one transform, but the same distance takes more balls.
 
     Raises GeometryError if the shape is empty, malformed, or has no inside for inner balls. Raises FileError if a file
     is missing or malformed. Raises InputError if both or neither of ``number`` and ``tolerance`` are passed, an
@@ -305,6 +319,7 @@ def decompose(
         raise InputError("number", problem, rule, "pass e.g. number=64, or tolerance=0.01 in metres", value=number)
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
+    check_flag(equal_radii, "equal_radii")
     region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         hint = "pass kind='outer', or a shape with an area or volume"
@@ -313,9 +328,12 @@ def decompose(
         problem, rule = f"is {number}, but the shape is {region.size:g} m across", "its lattice needs a finite size"
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
     best, gap = None, (0.0, math.inf)
-    for finer in LATTICE_REFINEMENTS if count else (1,):
+    for finer in LATTICE_REFINEMENTS if count and not equal_radii else (1,):
         lattice = Lattice.for_count(region, count, finer) if count else Lattice.for_tolerance(region, length or 0.0)
-        centers, radii, found, used = (_fill_shape if kind == "inner" else _cover_shape)(lattice, count, length)
+        if equal_radii:
+            centers, radii, found, used = _choose_equal_balls(lattice, kind, count, length)
+        else:
+            centers, radii, found, used = (_fill_shape if kind == "inner" else _cover_shape)(lattice, count, length)
         if best is None or found[1] < gap[1]:
             best, gap = (centers, radii), found
         if count and used >= MIN_USED_FRACTION * count:
@@ -386,6 +404,50 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
         tried, radii = len(centers), (depths + growths) * (1.0 + 2.0**-40)
         centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii), tried
+
+
+def _choose_equal_balls(
+    lattice: Lattice, kind: Kind, number: int | None, tolerance: float | None
+) -> tuple[Floats, Floats, Gap, int]:
+    """Choose balls of one radius, as :func:`_fill_shape` and :func:`_cover_shape` do.
+
+    For each of several radii, balls in the shape are chosen that cover all cells after the least growth, or after
+    growing by the tolerance. Balls that cover the shape are these, grown by their distance from the shape.
+    """
+    region, limit = lattice.region, number or UNLIMITED_BALLS
+    best, growth = None, 2.0 * region.size / lattice.side if tolerance is None else tolerance / lattice.side
+    radii = float(lattice.depths.max()) * EQUAL_RADII_RATIO ** np.arange(EQUAL_RADII_TRIED)
+    for radius in [*radii[radii > 0.0].tolist(), *([0.0] if kind == "outer" else [])]:
+        inside = np.flatnonzero((lattice.depths >= radius) | (radius == 0.0))
+        inside = inside[:: -(-len(inside) // MAX_CANDIDATES)]
+        sizes = np.full(len(inside), radius)
+        balls = LatticeBalls(lattice.cell_centers[inside], sizes, sizes)
+        # Only radii that need less growth than those before, or as many balls at most, are of use.
+        found = _grow_equally(lattice, balls, growth, limit)
+        if tolerance is not None and found is not None:
+            best, limit = found, len(found.depths)
+        while tolerance is None and found is not None:
+            best, growth = found, 0.95 * growth
+            found = _grow_equally(lattice, balls, growth, limit)
+    if best is None:
+        name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
+        problem = f"is {value:g}, but no such balls of one radius were found"
+        hint = f"pass a larger {name}, or leave equal_radii out"
+        raise InputError(name, problem, "they must lie in the shape, and all of it near them", hint, value=value)
+    centers = lattice.to_metres(best.centers)
+    radius = max(0.0, float(region.depths(centers).min()))
+    gap = bound_shape_to_balls(lattice, centers, np.full(len(centers), radius))[:2]
+    if kind == "outer":
+        radius = (radius + gap[1]) * (1.0 + 2.0**-40)
+        gap = bound_balls_to_shape(region, centers, np.full(len(centers), radius))
+    return centers, np.full(len(centers), radius), gap, len(centers)
+
+
+def _grow_equally(lattice: Lattice, balls: LatticeBalls, growth: float, number: int) -> LatticeBalls | None:
+    """Choose at most ``number`` balls that cover all cells after growing, in sides, or return None."""
+    cover = Cover(lattice, whole=True)
+    chosen = cover.choose(balls._replace(reaches=balls.depths + growth), number)
+    return None if len(cover.open_cells) else balls.select(chosen)
 
 
 def _nearest_balls(

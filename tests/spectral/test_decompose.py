@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
+from cspace import InputError
 from cspace.demo import floor_plan
 from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
@@ -70,7 +71,9 @@ LOOSE = {"part": 0.08}
 
 def make_balls(shape, size, kind, limit):
     """Decompose a shape, and check its limit."""
-    options = {"tolerance": limit["part"] * size} if "part" in limit else limit
+    options = {name: value for name, value in limit.items() if name != "part"}
+    if "part" in limit:
+        options["tolerance"] = limit["part"] * size
     balls = decompose(shape, kind=kind, **options)
     if "number" in limit:
         assert len(balls) <= limit["number"]
@@ -143,6 +146,34 @@ def test_balls_bound_plane_shapes(name, kind, limit):
     whole = shapely.union_all(shape) if isinstance(shape, list) else shape
     balls = make_balls(shape, diagonal(whole), kind, OPTIONS[limit])
     check_plane(balls, whole, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("kind", BALL_KINDS)
+@pytest.mark.parametrize("limit", [{"number": 40}, {"part": 0.04}], ids=["number", "tolerance"])
+@pytest.mark.parametrize("name", ["ell", "ring", "star with a hole"])
+def test_balls_of_one_radius_bound_plane_shapes(name, kind, limit):
+    shape = FLAT[name]
+    balls = make_balls(shape, diagonal(shape), kind, limit | {"equal_radii": True})
+    assert len(np.unique(balls.radii)) == 1 < len(balls)
+    check_plane(balls, shape, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("kind", BALL_KINDS)
+def test_balls_of_one_radius_bound_solids(kind):
+    mesh = SOLIDS["box"]
+    balls = make_balls(mesh, float(np.linalg.norm(mesh.extents)), kind, {"part": 0.12, "equal_radii": True})
+    assert len(np.unique(balls.radii)) == 1 < len(balls)
+    check_solid(balls, mesh, np.random.default_rng(0))
+
+
+def test_balls_of_one_radius_cover_lines_and_are_refused_in_thin_shapes():
+    line = decompose(shapely.LineString([(0, 0), (3, 1)]), kind="outer", number=10, equal_radii=True)
+    along = np.linspace(0.0, 1.0, 999)[:, None] * [3.0, 1.0]
+    assert (measure_gaps(along, line) <= 0.0).all() and len(np.unique(line.radii)) == 1
+    with pytest.raises(InputError, match=r"tolerance is 0.1, but no such balls of one radius were found"):
+        decompose(FLAT["needle"], tolerance=0.1, equal_radii=True)
+    with pytest.raises(InputError, match="equal_radii is 1"):
+        decompose(ELL, number=3, equal_radii=1)
 
 
 @pytest.mark.parametrize("kind", BALL_KINDS)
