@@ -73,7 +73,7 @@ class Viewer:
     server : viser.ViserServer
         The server; programs may add to its scene.
     page : cspace.view.page.Page
-        The actions of the page: move the robot, set start and goal, plan, play.
+        The actions of the page: move the robot, set start and goal, drag a tool, plan, play.
     canvas : cspace.view.canvas.Canvas
         The drawing.
     """
