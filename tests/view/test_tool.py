@@ -106,6 +106,7 @@ def test_a_plan_is_drawn_as_the_path_of_the_tool_and_pale_arms(path: Path, viewe
     until(lambda: not node(viewer, "/ghosts/fore").visible)
     page.drag(pose_at(0.0, 1.5))  # another drag removes the old plan
     assert not node(viewer, "/ghosts/fore") and not node(viewer, "/path")
+    assert page.wait(60.0)
 
 
 def test_the_nearest_pose_is_shown_if_one_is_out_of_reach(path: Path, viewer: Viewer) -> None:
