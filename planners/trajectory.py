@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arms.lines import LineMotion
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.check import check_finite, check_positive
@@ -21,7 +22,7 @@ from cspace.files.access import replacing
 from cspace.rotations import Rotations
 from cspace.rotations.base import wrapped
 from cspace.rotations.quaternion import multiply
-from planners.local_planner import CURVES, CarCurves
+from planners.local_planner import CURVES, HOLONOMIC, CarCurves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,7 +84,7 @@ class Phases(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory:
-    """A planned path with times, from rest to rest; :meth:`planners.Plan.trajectory` makes it.
+    """A path with times, from rest to rest; :meth:`planners.Plan.trajectory` and :meth:`along` make it.
 
     Attributes
     ----------
@@ -108,6 +109,69 @@ class Trajectory:
     _rotations: Rotations
     _segments: Segments
     _phases: Phases
+
+    @classmethod
+    def along(
+        cls,
+        space: ArmSpace,
+        path: LineMotion | ArrayLike,
+        *,
+        max_velocity: Limits = None,
+        max_acceleration: ArrayLike | Mapping[str, float],
+        duration: float | None = None,
+        time_step: float = 0.1,
+    ) -> Trajectory:
+        """Compute the fastest motion of an arm along a path, such as a line of its tool.
+
+        It begins and ends at rest, and stays on the motions between the rows, so it also stops at each row where the
+        joints change their direction. These motions are proven free again.
+
+        Parameters
+        ----------
+        space : ArmSpace
+        path : LineMotion, or array-like of shape (n, dof)
+            A certified line of :meth:`cspace.ArmSpace.follow_line`, or configurations, radians and metres.
+        max_velocity, max_acceleration, duration, time_step
+            As for :meth:`planners.Plan.trajectory`.
+
+        Raises
+        ------
+        InputError
+            If the space is not that of an arm, the line is not certified, a motion is not proven free, or as
+            :meth:`planners.Plan.trajectory` and :meth:`cspace.ArmSpace.certify_path`.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, numpy as np, cspace, planners
+        >>> box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+        >>> joint = '<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>'
+        >>> joint += '<limit lower="0" upper="2" effort="1" velocity="0.5"/></joint>'
+        >>> path = pathlib.Path(tempfile.mkdtemp(), "slide.urdf")
+        >>> _ = path.write_text(f'<robot name="s"><link name="base"/><link name="cart">{box}</link>{joint}</robot>')
+        >>> space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
+        >>> pose = np.eye(4)
+        >>> pose[0, 3] = 1.0
+        >>> motion = space.follow_line((0.0,), "cart", pose)
+        >>> planners.Trajectory.along(space, motion, max_acceleration=1.0).duration
+        2.5
+        """
+        if not isinstance(space, ArmSpace):
+            rule, hint = "it must be the space of an arm", "use plan.trajectory() on a map"
+            raise InputError("space", f"is {space!r}", rule, hint, value=space)
+        if isinstance(path, LineMotion) and not path.certified:
+            rule, hint = "a trajectory follows the whole line", "check motion.certified first"
+            raise InputError("path", f"is not certified: {path.status}", rule, hint, value=path)
+        waypoints = check_finite(path.waypoints if isinstance(path, LineMotion) else path, "path")
+        if waypoints.ndim != 2 or not len(waypoints):
+            rule, hint = "it must be rows of configurations, shape (n, dof)", "pass e.g. motion.waypoints"
+            raise InputError("path", f"has shape {waypoints.shape}", rule, hint, value=path)
+        free = np.asarray(space.certify_path(waypoints))
+        if not free.all():
+            problem = f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free"
+            raise InputError("path", problem, "a trajectory follows proven motions", "plan again", value=path)
+        driven = DrivenPath(space, waypoints, space.axes, space.units, True, HOLONOMIC, None)
+        rotation = {"max_angular_velocity": None, "max_angular_acceleration": None}
+        return make_trajectory(driven, max_velocity, max_acceleration, rotation, None, duration, time_step)
 
     @property
     def duration(self) -> float:

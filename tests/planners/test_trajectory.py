@@ -22,13 +22,13 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 import planners
-from cspace import InputError
+from cspace import InputError, Robot
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
 from tests.planning import CAR_OPTIONS, ENDPOINTS, SPACES, build_open_map, build_room, turn_between
 from tests.refusals import refusals
 from tests.strategies import seeds
-from tests.urdfs import joint, link, planar, write_urdf
+from tests.urdfs import joint, link, planar, pose_at, post, write_urdf
 
 AXES_OF_KIND: dict[str, tuple[str, ...]] = {
     "plane": ("x", "y"),
@@ -529,6 +529,47 @@ def test_the_picture_shows_speed_over_time(kind: str, labels: list[str]) -> None
         if name in named:
             np.testing.assert_allclose(np.interp(t, *named[name].get_data()), curve, atol=1e-9)
     assert len(named) == len(lines) == (3 if kind == "joints" else len(labels))
+
+
+def test_a_path_of_an_arm_has_the_trajectory_of_its_plan(arm_plan: planners.Plan) -> None:
+    expected = arm_plan.trajectory(max_acceleration=2.0, time_step=0.05)
+    space: Any = arm_plan.space
+    found = planners.Trajectory.along(space, arm_plan.waypoints, max_acceleration=2.0, time_step=0.05)
+    for name in ("times", "positions", "velocities", "accelerations"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert found.axes == expected.axes and found.units == expected.units
+
+
+def test_a_line_of_an_arm_has_a_trajectory_near_the_line(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    space = build_arm_space({}, arm)
+    motion = space.follow_line((-0.9, 1.6), "tip", pose_at(1.2, 0.9), tolerance=(1e-3, math.inf))
+    trajectory = planners.Trajectory.along(space, motion, max_velocity=1.0, max_acceleration=2.0, duration=9.0)
+    assert trajectory.duration == pytest.approx(9.0)
+    q = trajectory.sample(np.linspace(0.0, 9.0, 500))[0]
+    tips = np.column_stack([np.cos(q[:, 0]) + np.cos(q.sum(axis=1)), np.sin(q[:, 0]) + np.sin(q.sum(axis=1))])
+    first, last = motion.poses[:, :2, 3]
+    along = (last - first) / np.linalg.norm(last - first)
+    distances = np.abs((tips - first) @ (-along[1], along[0]))
+    assert distances.max() <= motion.deviation + 1e-9 and distances.max() > 1e-5
+    np.testing.assert_allclose(trajectory.positions[[0, -1]], motion.waypoints[[0, -1]], atol=1e-12)
+    message = trajectory.to_joint_trajectory()
+    assert message.joint_names == list(arm.joints)
+
+
+def test_trajectories_along_unproven_paths_are_refused(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    space = build_arm_space({"post": post()}, arm)
+    far = space.follow_line((-0.9, 1.6), "tip", pose_at(9.0, 0.9), tolerance=(1e-3, math.inf))
+    refused: Any = (
+        (space, far, "path is not certified: stopped after .* %.*a trajectory follows the whole line"),
+        (space, [(-0.6, 0.3), (1.4, -0.2)], "path has 1 of 1 motions that are not proven free"),
+        (space, (-0.6, 0.3), r"path has shape \(2,\); it must be rows of configurations"),
+        (build_open_map("plane"), [(1.0, 1.0), (2.0, 1.0)], "space is CSpace.*; it must be the space of an arm"),
+    )
+    for given_space, path, message in refused:
+        with pytest.raises(InputError, match=message):
+            planners.Trajectory.along(given_space, path, max_velocity=1.0, max_acceleration=1.0)
 
 
 @refusals(
