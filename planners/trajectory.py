@@ -113,7 +113,7 @@ class Trajectory:
     @classmethod
     def along(
         cls,
-        space: ArmSpace,
+        space: ConfigurationSpace,
         path: LineMotion | ArrayLike,
         *,
         max_velocity: Limits = None,
