@@ -278,6 +278,9 @@ def view(
     srdf: Srdf = None,
     solid: SolidMesh = None,
     package_dirs: PackageDirs = None,
+    frame: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Frame of an arm to drag  [default: the one most joints move].")
+    ] = None,
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in.")
     ] = "127.0.0.1",
@@ -299,7 +302,7 @@ def view(
             space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs))
         axes, units = space.axes, space.arm.units
     else:
-        options = drop_none(srdf=srdf, solid=solid, package_dirs=package_dirs or None)
+        options = drop_none(srdf=srdf, solid=solid, package_dirs=package_dirs or None, frame=frame)
         refuse_options(options, (), f"{file} is not a URDF")
         axes, units = read_axes(file)
     marks = read_marks(start, goal, axes, units)
@@ -307,5 +310,5 @@ def view(
     if space is None:
         with clock.step("read"):
             space = open_map(file)
-    shown: ViewOptions = {"host": host, **drop_none(path=points, port=port, **marks)}  # type: ignore[typeddict-item]
+    shown: ViewOptions = {"host": host, **drop_none(path=points, port=port, frame=frame, **marks)}  # type: ignore[typeddict-item]
     space.view(**shown)

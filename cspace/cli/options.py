@@ -182,6 +182,7 @@ def read_arm(file: Path, srdf: Path | None, solid: Solid | None, package_dirs: l
 
 _OPTION_PURPOSES: Final = {
     "srdf": "an arm",
+    "frame": "an arm",
     "package_dirs": "a URDF; with --robot, the robot's",
     "solid": "a mesh or a URDF",
     "robot_solid": "the mesh of --robot",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 MIN_POSE_JOINTS: Final = 6
 """Number of joints that reach every pose nearby; if fewer move a frame, only its position is asked for at first."""
-MAX_CANDIDATES: Final = 8
+MAX_POSE_CANDIDATES: Final = 8
 """Number of configurations at a pose among which a FREE one is sought."""
 
 
@@ -116,7 +116,7 @@ class ToolFrame:
         try:
             found = find(1)
             if not self._space.is_free(found[0]):
-                found = find(MAX_CANDIDATES)
+                found = find(MAX_POSE_CANDIDATES)
         except ConfigurationError as error:
             return np.array(error.nearest), str(error)
         return found[int(np.argmax(self._space.is_free(found)))], ""

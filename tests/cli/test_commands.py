@@ -358,9 +358,9 @@ def test_view_passes_marks_and_path_of_an_arm(arm_file: Path, tmp_path: Path, mo
     seen: dict[str, Any] = {}
     monkeypatch.setattr(cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space))
     (tmp_path / "path.csv").write_text("shoulder,elbow,slide_out\n0,0,0\n0.5,1,0.1\n")
-    options = ["--start=-45deg,0,0.1", "--path", tmp_path / "path.csv", "--port", 0]
+    options = ["--start=-45deg,0,0.1", "--path", tmp_path / "path.csv", "--port", 0, "--frame", "tool"]
     assert run("view", arm_file, *options).exit_code == 0
-    assert seen["space"].axes == ("shoulder", "elbow", "slide_out") and seen["port"] == 0
+    assert seen["frame"] == "tool" and seen["space"].axes == ("shoulder", "elbow", "slide_out") and seen["port"] == 0
     assert seen["start"] == pytest.approx((-math.pi / 4, 0.0, 0.1)) and seen["path"] == [[0, 0, 0], [0.5, 1, 0.1]]
 
 
@@ -371,11 +371,21 @@ def test_view_passes_marks_and_path_of_an_arm(arm_file: Path, tmp_path: Path, mo
         (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, but disc:0.3 is a robot"),
         (["view", "map.zarr", "--srdf", "a.srdf"], "--srdf is given, but map.zarr is not a URDF"),
         (["view", "map.zarr", "--solid", "surface"], "--solid is given, but map.zarr is not a URDF"),
+        (["view", "map.zarr", "--frame", "tool"], "--frame is given, but map.zarr is not a URDF"),
         (["info", "arm.urdf", "--solid", "fill"], "--solid is 'fill'"),
         (["view", "arm.urdf", "--start", "1,2"], "--start is '1,2'"),
         (["view", "absent.urdf"], "absent.urdf"),
     ],
-    ids=["spacing", "srdf of a robot", "srdf of a map", "solid of a map", "solid of an arm", "start", "absent"],
+    ids=[
+        "spacing",
+        "srdf of a robot",
+        "srdf of a map",
+        "solid of a map",
+        "frame of a map",
+        "solid of an arm",
+        "start",
+        "absent",
+    ],
 )
 def test_arm_commands_refuse_invalid_options(
     arm_file: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str
