@@ -49,7 +49,7 @@ MIN_SQUARED_LENGTH = 2.0**-600
 MAX_PENDING_PAIRS = 128
 """Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few."""
 
-MAX_PENDING_NODES = 64
+MAX_PENDING_SPLITS = 64
 """Capacity of the stack of nodes of a tree that is built; halving needs one per level, plus one."""
 
 PAIR_SHIFT = 32
@@ -177,7 +177,7 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     """
     n = len(low)
     boxes, order, spans = np.empty((max(2 * n - 1, 0), 6)), np.arange(n), np.empty((max(2 * n - 1, 0), 2), np.int64)
-    ranks, pending = np.empty((n, 3), np.int64), np.empty((MAX_PENDING_NODES, 3), np.int64)
+    ranks, pending = np.empty((n, 3), np.int64), np.empty((MAX_PENDING_SPLITS, 3), np.int64)
     fill_boxes(low, high, np.argsort(low + high, axis=0), (ranks, pending), boxes, order, spans)
     return boxes, order, spans
 
@@ -189,7 +189,7 @@ def fill_boxes(
     """Fill the arrays of :func:`build_boxes`.
 
     ``by_center``, shape (n, 3), sorts the items by their centers along each axis; ``order`` has all items. The scratch
-    arrays have shapes (n, 3) and (MAX_PENDING_NODES, 3).
+    arrays have shapes (n, 3) and (MAX_PENDING_SPLITS, 3).
     """
     n, (ranks, pending) = len(low), scratch
     for k in range(n):
