@@ -84,7 +84,9 @@ class Phases(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory:
-    """A path with times, from rest to rest; :meth:`planners.Plan.trajectory` and :meth:`along` make it.
+    """A path with times, from rest to rest.
+
+    :meth:`planners.Plan.trajectory` and :meth:`planners.Trajectory.along` make it.
 
     Attributes
     ----------

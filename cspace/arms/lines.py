@@ -37,7 +37,7 @@ from cspace.arms.inverse import (
     make_pose_problem,
     make_pose_scratch,
 )
-from cspace.arms.proofs import Scene, SceneScratch, make_scene_scratch, motion_is_free, point_is_free
+from cspace.arms.proofs import Scene, are_free
 from cspace.arms.snapshots import Snapshot
 from cspace.arms.solids import check_rigid
 from cspace.arrays import Floats, Ints, Row, frozen
@@ -105,7 +105,6 @@ class LineProblem(NamedTuple):
     line : Line
     pose : PoseProblem
         Its ``target`` is overwritten by poses on the line.
-    scene : Scene
     joints : ndarray of int64, shape (k,)
         Indices of the branch's joints in configurations of the arm.
     radius : float
@@ -116,7 +115,6 @@ class LineProblem(NamedTuple):
 
     line: Line
     pose: PoseProblem
-    scene: Scene
     joints: Ints
     radius: float
     max_coordinate: float
@@ -128,14 +126,12 @@ class LineScratch(NamedTuple):
     Attributes
     ----------
     pose : PoseScratch
-    scene : SceneScratch
     first, last : ndarray of float64, shape (k,)
         Configurations of the branch at the ends of a step.
     error : ndarray of float64, shape (6,)
     """
 
     pose: PoseScratch
-    scene: SceneScratch
     first: Floats
     last: Floats
     error: Floats
@@ -162,7 +158,7 @@ class LineRows(NamedTuple):
 class LineMotion:
     """A motion of an arm that brings a frame along straight lines, and its proofs.
 
-    :meth:`ArmSpace.follow_line` makes it. Between two waypoints all joints move in step. All motions between the
+    :meth:`cspace.ArmSpace.follow_line` makes it. Between two waypoints all joints move in step. All motions between the
     waypoints are proven free, and proven to stay near the line as ``deviation`` and ``angle`` say. If the motion stops
     early, so do the waypoints: test ``certified``.
 
@@ -261,29 +257,18 @@ def follow_lines(
     """
     arm, scene = snapshot.arm, snapshot.outer
     branch, tool = arm._branch_to(frame)
-    scratch = LineScratch(
-        make_pose_scratch(branch),
-        make_scene_scratch(scene),
-        np.empty(len(branch.joints)),
-        np.empty(len(branch.joints)),
-        np.empty(6),
-    )
+    count = len(branch.joints)
+    scratch = LineScratch(make_pose_scratch(branch), np.empty(count), np.empty(count), np.empty(6))
     limits = arm.lower[branch.joints], arm.upper[branch.joints]
     pose = make_pose_problem(branch, tool, np.eye(4), tolerance, limits)
     radius = float(np.linalg.norm(tool[:3, 3]))
     size = float(branch.chain.lengths[-1, 0]) + radius + float(np.abs(corners[:, :3, 3]).max())
-    capacity = MAX_ROWS_PER_CALL + 1
-    rows = LineRows(np.empty((capacity, arm.dof)), np.empty(capacity), np.empty((capacity, 2)))
     found = [LineRows(start[np.newaxis], np.zeros(1), DISTANCE_ROUNDING * np.array([[size, 1.0]]))]
-    outcome, count = REACHED, 0
+    outcome, failed = REACHED, start
     for number, line in enumerate(lines):
-        problem = LineProblem(line, pose, scene, branch.joints, radius, size)
-        rows.joints[0], rows.parameters[0], step, outcome = found[-1].joints[-1], 0.0, 1.0, FULL
-        while outcome == FULL:
-            count, outcome, step = add_rows(problem, rows, step, scratch)
-            joints, parameters, bounds = (column[1:count].copy() for column in rows)
-            found.append(LineRows(joints, number + parameters, bounds))
-            rows.joints[0], rows.parameters[0] = rows.joints[count - 1], rows.parameters[count - 1]
+        problem = LineProblem(line, pose, branch.joints, radius, size)
+        rows, outcome, failed = _follow_line(scene, problem, found[-1].joints[-1], scratch)
+        found.append(rows._replace(parameters=number + rows.parameters))
         if outcome != REACHED:
             break
     joints, parameters, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
@@ -291,7 +276,7 @@ def follow_lines(
     if outcome != REACHED:
         lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
         fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ lengths / lengths.sum())
-        stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], rows.joints[count])
+        stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], failed)
         number = min(int(parameter), len(lines) - 1)
         left, line = number + 1 - parameter, lines[number]
         ahead = f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad before poses[{number}]"
@@ -310,6 +295,33 @@ def follow_lines(
         stopped_by=stopped_by,
         status=status,
     )
+
+
+def _follow_line(
+    scene: Scene, problem: LineProblem, start: Floats, scratch: LineScratch
+) -> tuple[LineRows, int, Floats]:
+    """Follow one line; return the new rows, why they end, and the configuration of the step that failed.
+
+    Kernels that also prove motions free would take twice as long to compile. So many rows are made at once, and then
+    proven. Where a motion is not free, the next step is half as long, and the number of rows grows again from one.
+    """
+    capacity, size = MAX_ROWS_PER_CALL, len(start)
+    rows = LineRows(np.empty((capacity + 1, size)), np.empty(capacity + 1), np.empty((capacity + 1, 2)))
+    found: list[LineRows] = []
+    rows.joints[0], rows.parameters[0], step, outcome = start, 0.0, 1.0, FULL
+    while outcome == FULL:
+        part = LineRows(*(column[: capacity + 1] for column in rows))
+        count, outcome, step = add_rows(problem, part, step, scratch)
+        failed = rows.joints[min(count, capacity)].copy()
+        free = are_free(scene, rows.joints[: count - 1], rows.joints[1:count])
+        capacity = min(2 * capacity, MAX_ROWS_PER_CALL)
+        if not free.all():
+            count = 1 + int(free.argmin())
+            failed, taken = rows.joints[count].copy(), rows.parameters[count] - rows.parameters[count - 1]
+            outcome, capacity, step = COLLISION if is_shortest(taken) else FULL, 1, max(0.5 * taken, MIN_LINE_STEP)
+        found.append(LineRows(*(column[1:count].copy() for column in rows)))
+        rows.joints[0], rows.parameters[0] = rows.joints[count - 1], rows.parameters[count - 1]
+    return LineRows(*(np.concatenate(column) for column in zip(*found, strict=True))), outcome, failed
 
 
 def _explain_stop(snapshot: Snapshot, branch: Branch, outcome: int, last: Floats, failed: Floats) -> tuple[str, str]:
@@ -403,10 +415,16 @@ def bound_deviation(
 
 
 @kernel
+def is_shortest(step: float) -> bool:
+    """Return True if a step is not cut any more; rounding may have made it a little longer than the shortest."""
+    return step < 1.5 * MIN_LINE_STEP
+
+
+@kernel
 def try_step(
     problem: LineProblem, rows: LineRows, n: int, stop: float, scratch: LineScratch
 ) -> tuple[int, float, float, float]:
-    """Try to move the frame from row n - 1 to parameter ``stop``, and write row n.
+    """Try to move the frame from row n - 1 to parameter ``stop``, in ``scratch.last``.
 
     Returns REACHED or why it fails, the largest deviation or angle that was seen as a share of the tolerance, and the
     proven bounds of both.
@@ -432,13 +450,6 @@ def try_step(
         parts *= MAX_LINE_PARTS // MIN_LINE_PARTS
         if share > 1.0 or parts > MAX_LINE_PARTS:
             return JUMP, share, deviation, angle
-    for k in range(rows.joints.shape[1]):
-        rows.joints[n, k] = rows.joints[n - 1, k]
-    for k in range(len(problem.joints)):
-        rows.joints[n, problem.joints[k]] = scratch.last[k]
-    q0, q1 = rows.joints[n - 1], rows.joints[n]
-    if not (point_is_free(problem.scene, q1, scratch.scene) and motion_is_free(problem.scene, q0, q1, scratch.scene)):
-        return COLLISION, share, deviation, angle
     return REACHED, share, deviation, angle
 
 
@@ -459,17 +470,17 @@ def add_rows(problem: LineProblem, rows: LineRows, step: float, scratch: LineScr
         stop = 1.0 if step >= left else start + min(step, max(0.5 * left, MIN_LINE_STEP))
         outcome, share, deviation, angle = try_step(problem, rows, n, stop, scratch)
         taken = stop - start
+        for k in range(rows.joints.shape[1]):
+            rows.joints[n, k] = rows.joints[n - 1, k]
+        for k in range(len(problem.joints)):
+            rows.joints[n, problem.joints[k]] = scratch.last[k]
         if outcome == REACHED:
             rows.parameters[n], rows.bounds[n, 0], rows.bounds[n, 1] = stop, deviation, angle
             n += 1
             # The deviation grows with the square of the step. Steps shrink only when one fails, so that their number
             # stays bounded where the deviation approaches the tolerance slowly.
             step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
-        elif taken < 1.5 * MIN_LINE_STEP:
-            for k in range(rows.joints.shape[1]):
-                rows.joints[n, k] = rows.joints[n - 1, k]
-            for k in range(len(problem.joints)):
-                rows.joints[n, problem.joints[k]] = scratch.last[k]
+        elif is_shortest(taken):
             return n, outcome, step
         elif share > 1.0 and outcome == JUMP:
             step = max(taken * min(max(STEP_SAFETY / math.sqrt(share), 0.1), 0.7), MIN_LINE_STEP)

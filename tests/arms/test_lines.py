@@ -17,7 +17,6 @@ from cspace import Arm, ArmSpace, ConfigurationError, InputError, Robot, build_a
 from cspace.arms import LineMotion, PosedShape
 from cspace.arms.inverse import make_pose_problem, make_pose_scratch
 from cspace.arms.lines import LineProblem, LineScratch, bound_deviation, make_lines
-from cspace.arms.proofs import make_scene_scratch
 from tests.refusals import refusals
 from tests.solids import ArmOracle, box
 from tests.urdfs import joint, link, planar, pose_at, pose_of, posed_box, random_chain, write_urdf
@@ -164,9 +163,8 @@ def bound_line(arm: Arm, ends: np.ndarray, waypoints: np.ndarray, parameters: np
     (line,) = make_lines(ends)
     branch, tool = arm._branch_to("tool0")
     pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
-    scene = without_collisions(arm)._outer_scene
-    scratch = LineScratch(make_pose_scratch(branch), make_scene_scratch(scene), *waypoints.copy(), np.empty(6))
-    problem = LineProblem(line, pose, scene, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
+    scratch = LineScratch(make_pose_scratch(branch), *waypoints.copy(), np.empty(6))
+    problem = LineProblem(line, pose, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
     return np.array(bound_deviation(problem, *parameters.tolist(), parts, scratch))
 
 
