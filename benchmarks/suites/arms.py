@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks import inputs
 from benchmarks.report import Report, is_here
+from benchmarks.suites.arm_joints import run_joints
 from benchmarks.suites.arm_peers import (
     ArmProblem,
     Folder,
@@ -58,9 +59,10 @@ OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
 def run(report: Report, seed: int) -> None:
-    """Reach poses and change scenes; then compare paths and motions of each arm."""
+    """Reach poses, change scenes, and plan with 8 and 14 joints; then compare paths and motions of each arm."""
     run_poses(report, seed)
     run_scenes(report, seed)
+    run_joints(report, seed)
     folder = inputs.data_folder()
     if folder is None or not (folder / "arms").is_dir():
         report.note(inputs.NO_DATA)

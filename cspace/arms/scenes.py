@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Container, Iterable, Mapping, Sequence
+import weakref
+from collections.abc import Container, Hashable, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -27,6 +28,9 @@ _MORE_SPARE_SHARE: Final = 1.0
 _MIN_SPARE_ROWS: Final = 256
 """Smallest number of rows reserved."""
 
+_SHARED_SPARE_ROWS: Final = 50_000
+"""Rows that the store of an arm's links has for the obstacles of its scenes. They take memory once they are written."""
+
 
 class _PartRows(NamedTuple):
     """Roots of a part in both trees, -1 for none, and the range of its triangles in the arrays of a store."""
@@ -48,6 +52,8 @@ class PartStore:
         Rows reserved at once: nodes and corners of hulls, nodes and rows of trees, triangles of surfaces.
     spare_share : float
         Further rows, as a share of these.
+    spare_rows : int
+        Further rows.
 
     Attributes
     ----------
@@ -57,8 +63,8 @@ class PartStore:
     windings : ndarray of int64, shape (n,)
     """
 
-    def __init__(self, counts: Ints, spare_share: float = _SPARE_SHARE) -> None:
-        self._sizes = (counts * (1.0 + spare_share)).astype(np.int64) + _MIN_SPARE_ROWS
+    def __init__(self, counts: Ints, spare_share: float = _SPARE_SHARE, spare_rows: int = _MIN_SPARE_ROWS) -> None:
+        self._sizes = (counts * (1.0 + spare_share)).astype(np.int64) + spare_rows
         self._used, self._lock = counts, threading.Lock()
         nodes, corners, tree_nodes, rows, triangles = self._sizes.tolist()
         # Zeros take memory only once they are written, and keep old contents of the memory out of pickles.
@@ -75,6 +81,11 @@ class PartStore:
                 return None
             self._used = stop
         return first
+
+    @property
+    def is_half_full(self) -> bool:
+        """Whether fewer rows of some array are left than the least that a store of links begins with, halved."""
+        return bool((self._sizes - self._used < _SHARED_SPARE_ROWS // 2).any())
 
     def write_part(self, part: PosedShape, first: Ints, with_hulls: bool) -> _PartRows:
         """Write a part to reserved rows."""
@@ -123,10 +134,12 @@ class PackedSolids(NamedTuple):
     roots: Mapping[tuple[PosedShape, ...], int]
 
 
-def pack_solids(solids: Sequence[Solid], before: PackedSolids | None = None) -> PackedSolids:
+def pack_solids(
+    solids: Sequence[Solid], before: PackedSolids | None = None, spare_rows: int = _MIN_SPARE_ROWS
+) -> PackedSolids:
     """Pack solids.
 
-    Parts that were packed before keep their rows, if the new parts fit behind them.
+    Parts that were packed before keep their rows, if the new parts fit behind them. Otherwise all go to a new store.
     """
     pairs = [part.bounds_pair for solid in solids for part in solid.parts]
     outer = dict.fromkeys(pair[0] for pair in pairs)
@@ -141,7 +154,7 @@ def pack_solids(solids: Sequence[Solid], before: PackedSolids | None = None) -> 
         counts = _count_rows(parts, outer, joined)
         first = np.array([1, 0, 0, 0, 0])  # no child may be node 0, because that marks leaves
         share = _SPARE_SHARE if before is None else _MORE_SPARE_SHARE
-        known = PackedSolids((), PartStore(first + counts.sum(axis=0), share), {}, {})
+        known = PackedSolids((), PartStore(first + counts.sum(axis=0), share, spare_rows), {}, {})
     rows, roots, store = {}, {}, known.store
     starts = iter(first + np.cumsum(counts, axis=0) - counts)
     for part in parts:
@@ -157,6 +170,25 @@ def pack_solids(solids: Sequence[Solid], before: PackedSolids | None = None) -> 
             store.join(np.array(filled), node)
             node += len(filled) - 1
     return PackedSolids(tuple(solids), store, rows, roots)
+
+
+class LinkStores:
+    """Stores with the links of arms, in which the obstacles of all scenes of an arm are packed.
+
+    So a new scene copies no link. An arm gets a new store once its store is half full; scenes keep theirs.
+    """
+
+    def __init__(self) -> None:
+        self._packed = weakref.WeakKeyDictionary[Hashable, PackedSolids]()
+        self._lock = threading.Lock()
+
+    def pack(self, arm: Hashable, links: Sequence[Solid], solids: Sequence[Solid]) -> PackedSolids:
+        """Pack the solids of an arm's new scene."""
+        with self._lock:
+            known = self._packed.get(arm)
+            if known is None or known.store.is_half_full:
+                known = self._packed[arm] = pack_solids(links, spare_rows=_SHARED_SPARE_ROWS)
+        return pack_solids(solids, known)
 
 
 def _count_rows(

@@ -15,12 +15,15 @@ from cspace.arms.chain import FIXED, body_poses
 from cspace.arms.hulls import node_corners
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
-from cspace.arms.scenes import PackedSolids, make_inner_scene, make_outer_scene, pack_solids
+from cspace.arms.scenes import LinkStores, PackedSolids, make_inner_scene, make_outer_scene, pack_solids
 from cspace.arms.solids import PosedShape, Solid, StaticShape
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import ConfigurationError
 from cspace.map.batches import as_contiguous
 from cspace.threads import in_chunks
+
+_LINK_STORES: Final = LinkStores()
+"""Stores of the arms that have a scene."""
 
 MIN_MOTIONS_PER_THREAD: Final = 20
 """Motions per thread below which a further thread costs more time than it saves."""
@@ -198,7 +201,8 @@ def make_snapshot(
     # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
     pairs.sort(key=lambda pair: (groups[pair[1]].solid.body != 0, -groups[pair[0]].solid.body))
     extra = _pad_pairs(groups, pairs)
-    packed = pack_solids([group.solid for group in groups], None if before is None else before.packed)
+    solids = [group.solid for group in groups]
+    packed = _LINK_STORES.pack(arm, arm.links, solids) if before is None else pack_solids(solids, before.packed)
     outer = make_outer_scene(arm.chain, packed, pairs, extra, margin)
     inner = make_inner_scene(outer, packed)
     made = Snapshot(arm, obstacles, allowed, padding, margin, reach, static, links, tuple(groups), packed, outer, inner)

@@ -21,6 +21,7 @@ from cspace.exact.boundaries import as_triangles, part_anchors
 from cspace.exact.triangles import Trees, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, RoundedSimplices, Shape, ShapeLike, Voxels, as_shape
+from cspace.shapes.shape import unique_rows
 from cspace.workspace import Workspace
 
 PROBES_PER_PART: Final = 60
@@ -114,8 +115,12 @@ class PosedShape:
         """Triangles of closed bodies, shape (n, 3, 3), and their multiplicities."""
         if not self._exact.encloses or self._exact.boundary().simplices.shape[1] < 3:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
-        vertices, faces = self._exact.surface
-        return Mesh(self.transform(vertices), faces).closed  # corners stay shared to the last bit
+        shape = self._exact
+        mesh = shape if isinstance(shape, Mesh) else Mesh(*shape.surface)
+        # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the last bit.
+        corners, index = unique_rows(mesh.vertices)
+        counted = np.flatnonzero(mesh._turns)
+        return self.transform(corners)[index[mesh.faces[counted]]], mesh._turns[counted]
 
     @cached_property
     def surface_box(self) -> Floats:

@@ -347,11 +347,12 @@ def test_replaced_clouds_leave_no_memory(tmp_path: Path) -> None:
     space, rng = build_arm_space({}, Arm.from_urdf(planar(tmp_path))), np.random.default_rng(1)
     tracemalloc.start()
     sizes = []
-    for _ in range(12):
+    for _ in range(20):
         space.add_obstacle("cloud", rng.uniform(3.0, 4.0, (3000, 3)), radius=0.01)
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert max(sizes[4:]) < 2.0 * sizes[0]
+    # The first eight clouds are in the store of the arm's links, which was made before.
+    assert max(sizes[12:]) < 1.5 * sizes[10]
 
 
 def test_empty_workspaces_keep_their_name(tmp_path: Path) -> None:
