@@ -24,7 +24,7 @@ BENCHMARKS = {
     "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
     "paths": "lengths of default paths, against OMPL on equal collision checks; drives, and replanning",
     "rotations": "SE(3) and R^3 x yaw: builds, look-ups, edges and plans, against FCL and a loop of fftconvolve",
-    "arms": "poses, changing scenes and paths of arms, to 14 joints, against OMPL with coal and VAMP; false free motions",
+    "arms": "poses, changing scenes and paths of arms, to 14 joints, against OMPL with coal and VAMP; false frees",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, placements, each against another way; misses",
     "tiles": "maps in tiles: builds against memory, one and two workers, 65,536^2 cells and 16,384^2 x 16 yaws",
