@@ -12,12 +12,14 @@ from cspace.arms.moveit import (
     read_moveit_request,
     read_moveit_scene,
 )
+from cspace.arms.penetration import ArmPenetration
 from cspace.arms.snapshots import Contact
 from cspace.arms.solids import PosedShape
 from cspace.arms.space import ArmSpace, build_arm_space
 
 __all__ = [
     "Arm",
+    "ArmPenetration",
     "ArmSpace",
     "AttachedObject",
     "Contact",

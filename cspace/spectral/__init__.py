@@ -16,6 +16,7 @@ from cspace.spectral.overlap import FourierOverlap as FourierOverlap
 from cspace.spectral.overlap import OverlapField as OverlapField
 from cspace.spectral.overlap import Separation as Separation
 from cspace.spectral.overlap import Verdict as Verdict
+from cspace.spectral.placements import BallPenetration as BallPenetration
 from cspace.spectral.placements import Placements as Placements
 from cspace.spectral.placements import best_placements as best_placements
 from cspace.spectral.spectra import ball_spectrum as ball_spectrum
@@ -23,6 +24,7 @@ from cspace.spectral.spectra import ball_spectrum as ball_spectrum
 __all__ = [
     "BallDecomposition",
     "BallDescriptor",
+    "BallPenetration",
     "Bounds",
     "Bump",
     "Descriptor",

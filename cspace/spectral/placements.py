@@ -1,4 +1,7 @@
-"""Best placements of one ball set on another: correlation by FFT at each rotation, then ascent along the gradient."""
+"""Best placements of one ball set on another, and the overlap of balls that move, each on its own.
+
+A search correlates by FFT at each rotation, then climbs along the gradient, which comes from cubic splines of fields.
+"""
 
 from __future__ import annotations
 
@@ -186,6 +189,105 @@ def best_placements(
     return Placements(scores[best], bounds[best], score.translations(found)[best], found.rotations[best])
 
 
+class BallFields:
+    """Smooth fields of fixed balls, as balls of several radii see them, by cubic splines.
+
+    ``correlation`` is between the moving balls, whose places do not matter, and the fixed ones, which have their center
+    at ``center``, metres.
+    """
+
+    def __init__(self, correlation: Correlation, center: Floats) -> None:
+        self._correlation, self._center, self._dim = correlation, center, len(center)
+        self.radii = correlation.body.radii
+        self._cells_per_metre = np.array(correlation.shape) / correlation.lengths
+
+    @cached_property
+    def _splines(self) -> list[Floats]:
+        """Spline coefficients of the field of each term.
+
+        In the plane, the last axis has length one.
+        """
+        return [field.reshape(*field.shape, *[1] * (3 - self._dim)) for field in self._correlation.splines()]
+
+    def evaluate(self, centers: Floats) -> Floats:
+        """Return the overlap of each moving ball, and its derivatives along the axes.
+
+        ``centers``, shape (n, k, d), are the places of the k balls, metres. The result has shape (n, k, 1 + d). Fields
+        repeat with the period.
+        """
+        places = np.zeros((*centers.shape[:2], 3))
+        places[..., : self._dim] = (centers - self._center) * self._cells_per_metre
+        sums, scratch = np.zeros((*centers.shape[:2], 4)), np.empty((3, 2, 4))
+        for term, spline in zip(self._correlation.terms, self._splines, strict=True):
+            add_slopes(spline, places, term.members, term.strengths, scratch, sums)
+        sums[..., 1 : 1 + self._dim] *= self._cells_per_metre
+        return sums[..., : 1 + self._dim]
+
+
+class BallPenetration:
+    """Overlap of balls that move, each on its own, with fixed balls, and its derivatives by the balls' centers.
+
+    For optimizers: the overlap is zero if no balls meet, grows with the depth, and is as smooth as the descriptors.
+    Cubic splines of the fields that fixed balls make give it, within about ``tolerance``; it proves nothing.
+    :class:`cspace.arms.ArmPenetration` moves the balls with the links of an arm.
+
+    Parameters
+    ----------
+    radii : array-like, shape (k,)
+        Radii of the balls that move, metres.
+    fixed : object with ``centers`` and ``radii``, or (centers, radii)
+        The other balls, in the plane or in space, metres.
+    bump, band, tolerance
+        As for :class:`FourierOverlap`.
+
+    Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed, for many balls of
+    one radius, and is not installed.
+
+    Examples
+    --------
+    >>> from cspace.spectral import BallPenetration
+    >>> field = BallPenetration([0.2, 0.1], ([[0.0, 0.0]], 0.5))
+    >>> value, gradient = field.value_and_gradient([[0.6, 0.0], [0.0, 0.9]])
+    >>> bool(value > 0.0), bool(gradient[0, 0] < 0.0), gradient[1].tolist()
+    (True, True, [0.0, 0.0])
+    """
+
+    def __init__(
+        self,
+        radii: ArrayLike,
+        fixed: BallsLike,
+        *,
+        bump: Bump | None = None,
+        band: float | None = None,
+        tolerance: float = 0.01,
+    ) -> None:
+        from scipy.fft import next_fast_len
+
+        balls = as_balls(fixed, "fixed", common_bump(bump, fixed))
+        sizes = np.atleast_1d(check_finite(radii, "radii"))
+        moving = BallDescriptor(np.zeros((len(sizes), balls.dim)), sizes, balls.bump)
+        overlap = FourierOverlap(moving, balls, band=band, tolerance=tolerance)
+        lengths, shape = np.array(overlap.lengths), tuple(next_fast_len(count, real=True) for count in overlap.counts)
+        self._lower, self._upper = overlap.domain
+        made = Correlation(moving, balls, lengths, overlap.counts, shape, SEARCH_ACCURACY)
+        self._fields = BallFields(made, balls.center)
+
+    def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
+        """Compute the overlap, summed over the balls, and its derivatives by their centers.
+
+        ``centers``, shape (..., k, d), are in metres. The results have shapes (...) and (..., k, d), in square or cubic
+        metres, and that per metre. Raises InputError if the shape is another, or a value is not finite.
+        """
+        points, dim = check_finite(centers, "centers"), len(self._lower)
+        count = len(self._fields.radii)
+        if points.ndim < 2 or points.shape[-2:] != (count, dim):
+            rule = f"the last axes must be {count} balls and {dim} coordinates"
+            raise InputError("centers", f"has shape {points.shape}", rule, "pass all balls", value=centers)
+        sums = self._fields.evaluate(points.reshape(-1, count, dim)).reshape(*points.shape[:-1], 1 + dim)
+        sums[~((self._lower <= points) & (points <= self._upper)).all(axis=-1)] = 0.0
+        return sums[..., 0].sum(axis=-1), sums[..., 1:]
+
+
 class _Poses(NamedTuple):
     """Poses of A, with their scores.
 
@@ -246,6 +348,7 @@ class _Score:
         counts = tuple(2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in overlap.counts)
         self.lengths, self.shape = np.array(overlap.lengths), tuple(next_fast_len(count, real=True) for count in counts)
         self.correlation = Correlation(body, target, self.lengths, counts, self.shape, SEARCH_ACCURACY, weights)
+        self.fields = BallFields(self.correlation, target.center)
         self.centroid = body.centers.mean(axis=0)
         self.arms = body.centers - self.centroid
         values, axes = np.linalg.eigh(self.arms.T @ self.arms / len(self.arms))
@@ -277,14 +380,6 @@ class _Score:
         centers += matrix @ (self.centroid - self.body.center)
         scores = values.ravel()[tops]
         return _Poses(scores, centers, np.broadcast_to(matrix, (len(tops), *matrix.shape)))
-
-    @cached_property
-    def _splines(self) -> list[Floats]:
-        """Spline coefficients of the field of each term.
-
-        In the plane, the last axis has length one.
-        """
-        return [field.reshape(*field.shape, *[1] * (3 - self.dim)) for field in self.correlation.splines()]
 
     def climb(self, poses: _Poses, turn: bool) -> _Poses:
         """Move poses along the gradient to near maxima, by BFGS.
@@ -335,13 +430,8 @@ class _Score:
         The derivatives are with respect to the steps of :meth:`_moved`, shape (n, 2), (n, 3) or (n, 6).
         """
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
-        cells = np.array(self.shape) / self.lengths
-        places = np.zeros((len(arms), arms.shape[1], 3))
-        places[..., : self.dim] = (poses.centers[:, None] - self.target.center + arms) * cells
-        sums, scratch = np.zeros((len(arms), arms.shape[1], 4)), np.empty((3, 2, 4))
-        for term, spline in zip(self.correlation.terms, self._splines, strict=True):
-            add_slopes(spline, places, term.members, term.strengths, scratch, sums)
-        scores, forces = sums[..., 0].sum(axis=1), sums[..., 1 : 1 + self.dim] * cells
+        sums = self.fields.evaluate(poses.centers[:, None] + arms)
+        scores, forces = sums[..., 0].sum(axis=1), sums[..., 1:]
         parts = [forces.sum(axis=1)]
         if turn:
             pairs = [(0, 1)] if self.dim == 2 else [(1, 2), (2, 0), (0, 1)]
