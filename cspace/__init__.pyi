@@ -5,6 +5,7 @@ from .arms import ArmSpace as ArmSpace
 from .arms import PoseGoal as PoseGoal
 from .arms import build_arm_space as build_arm_space
 from .arms import build_joint_map as build_joint_map
+from .arms import undecided_pairs as undecided_pairs
 from .arrays import BLOCKED as BLOCKED
 from .arrays import FREE as FREE
 from .arrays import MIXED as MIXED

@@ -1,7 +1,7 @@
 """Arms: robots with joints, whose configurations and motions are proven free of collisions."""
 
 from cspace.arms.inverse import PoseGoal
-from cspace.arms.joint_map import build_joint_map
+from cspace.arms.joint_map import build_joint_map, undecided_pairs
 from cspace.arms.lines import LineMotion
 from cspace.arms.model import Arm, JointValues
 from cspace.arms.moveit import (
@@ -34,4 +34,5 @@ __all__ = [
     "build_joint_map",
     "read_moveit_request",
     "read_moveit_scene",
+    "undecided_pairs",
 ]

@@ -20,24 +20,37 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cspace.arms.chain import PRISMATIC, REVOLUTE, column, forward_kinematics, pose_rotation, relative_pose
-from cspace.arms.proofs import Scene, SceneScratch, Solids, is_nested, pair_slack, required_distance
+from cspace.arms.chain import FIXED, REVOLUTE, Chain, column, forward_kinematics, pose_rotation, relative_pose
+from cspace.arms.hulls import joint_displacement
+from cspace.arms.proofs import (
+    Scene,
+    SceneScratch,
+    Solids,
+    boundaries_cross,
+    is_nested,
+    pair_slack,
+    required_distance,
+)
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR
-from cspace.exact.triangles import read_box
+from cspace.exact.triangles import build_boxes, read_box
 from cspace.grid import SLACK
-from cspace.kernels import THIN, apply_pose, cross, dot, minus, point_triangle, rotate, row_at
-from cspace.map.points import replaced
+from cspace.kernels import THIN, apply_pose, dot, minus, point_triangle, rotate, rotate_back, row_at
 from cspace.raster.surfaces import signed_crossing
 
-MAX_PENDING_BLOCKS: Final = 96
-"""Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells, and some spare."""
+MAX_PENDING_BLOCKS: Final = 128
+"""Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their parts, and some spare."""
 
 
-LATTICE_REFINEMENT: Final = 4
-"""Factor by which the depth lattice is refined if the coarse lattice does not decide."""
+TREE_ROUNDING: Final = 2.0**-40
+"""Growth of boxes of a tree against rounding, relative to the size of the surface."""
+
+
+JOINTS_ONLY: Final = (0.0, 0.0, math.inf)
+"""Bounds of a pair whose displacement is that of the joints of a box."""
 
 
 class JointCells(NamedTuple):
@@ -54,6 +67,8 @@ class JointCells(NamedTuple):
         Values of the other joints.
     levers : ndarray of float64, shape (3,)
         Approximate motion of the arm per unit of each axis.
+    parts : int
+        Parts into which each side of a cell is divided at most, to prove it; a power of two.
     """
 
     lower: Floats
@@ -61,95 +76,100 @@ class JointCells(NamedTuple):
     joint_indices: Ints
     held: Floats
     levers: Floats
+    parts: int
 
 
-class JointBox(NamedTuple):
-    """A box of configurations.
+class SurfaceTrees(NamedTuple):
+    """Trees of the triangles of closed surfaces.
 
     Attributes
     ----------
-    center, halves : ndarray of float64, shape (dof,)
-        Center and half sides.
-    required : float
-        Distance that proves a pair apart.
+    boxes : ndarray of float64, shape (m, 6)
+        Center and half sides of the box of each node.
+    spans : ndarray of int64, shape (m, 2)
+        Index in ``order`` of the first triangle of each node, and their number; children as in
+        :class:`cspace.exact.triangles.Trees`.
+    order : ndarray of int64, shape (n,)
+        Indices of triangles.
+    roots : ndarray of int64, shape (h,)
+        Root of each surface.
     """
 
-    center: Floats
-    halves: Floats
-    required: float
+    boxes: Floats
+    spans: Ints
+    order: Ints
+    roots: Ints
+
+
+def build_surface_trees(solids: Solids) -> SurfaceTrees:
+    """Build a tree of each closed surface."""
+    boxes, spans, order, roots = [np.empty((0, 6))], [np.empty((0, 2), dtype=np.int64)], list[Ints](), list[int]()
+    nodes = rows = 0
+    for start, stop in solids.surface_spans.tolist():
+        corners = solids.triangles[start:stop]
+        box, ranks, span = build_boxes(corners.min(axis=1), corners.max(axis=1))
+        boxes.append(box)
+        spans.append(span + np.array([rows, 0]))
+        order.append(start + ranks)
+        roots.append(nodes)
+        nodes, rows = nodes + len(box), rows + len(ranks)
+    every = np.concatenate([np.empty(0, dtype=np.int64), *order])
+    return SurfaceTrees(np.concatenate(boxes), np.concatenate(spans), every, np.array(roots, dtype=np.int64))
 
 
 class InnerBalls(NamedTuple):
-    """Balls inside solids, and depths of lattice points in closed surfaces.
+    """Balls inside solids, and trees of closed surfaces.
 
     Attributes
     ----------
     centers : ndarray of float64, shape (n, 3)
         Centers of the balls, in the frame of the solid's body.
-    radii, levers : ndarray of float64, shape (n,)
-        Radii, and distances of the centers from the body's origin.
+    radii : ndarray of float64, shape (n,)
     starts : ndarray of int64, shape (s + 1,)
         First ball of each solid.
     deepest : ndarray of float64, shape (s,)
         Approximate largest depth of a point in each solid.
-    steps : ndarray of float64, shape (h, 3)
-        Lattice steps in the box of each surface; the points are the centers of the lattice cells.
-    shapes : ndarray of int64, shape (h, 3)
-    depth : ndarray of float64, shape (m,)
-        Depths by :func:`surface_depth` at all lattice points in a row.
-    fine_depth : ndarray of float64, shape (LATTICE_REFINEMENT**3 * m,)
-        Depths on the refined lattices, computed at need; 0 means not yet computed, which takes no memory.
-    depth_starts : ndarray of int64, shape (h + 1,)
-        First lattice point of each surface.
+    trees : SurfaceTrees
     """
 
     centers: Floats
     radii: Floats
-    levers: Floats
     starts: Ints
     deepest: Floats
-    steps: Floats
-    shapes: Ints
-    depth: Floats
-    fine_depth: Floats
-    depth_starts: Ints
+    trees: SurfaceTrees
 
 
 class PendingBlocks(NamedTuple):
-    """Stack of blocks of cells whose states are unknown.
+    """Stack of blocks of cells, or of parts of a cell, whose states are unknown.
 
     Attributes
     ----------
     blocks : ndarray of int64, shape (MAX_PENDING_BLOCKS, 6)
-        First cells and stop cells along three axes.
+        Start and stop along three axes, in parts of a cell.
     pair_lists : ndarray of int64, shape (MAX_PENDING_BLOCKS, p)
         Pairs of solids not proven apart in the whole block.
     counts : ndarray of int64, shape (MAX_PENDING_BLOCKS,)
         Number of these pairs.
-    open_pairs : ndarray of int64, shape (p,)
-        Scratch for the pairs of one block.
-    box : JointBox
-        Scratch for one box; it keeps the values of the held joints.
+    center, halves : ndarray of float64, shape (dof,)
+        Scratch for one box of configurations; the center keeps the values of the held joints.
     """
 
     blocks: Ints
     pair_lists: Ints
     counts: Ints
-    open_pairs: Ints
-    box: JointBox
+    center: Floats
+    halves: Floats
 
 
 def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
     """Return a stack with one block and all pairs open.
 
-    The block has shape (6,).
+    The block has shape (6,), in cells.
     """
     blocks, counts = np.empty((MAX_PENDING_BLOCKS, 6), dtype=np.int64), np.empty(MAX_PENDING_BLOCKS, dtype=np.int64)
-    pair_lists, open_pairs = np.empty((MAX_PENDING_BLOCKS, pairs), dtype=np.int64), np.empty(pairs, dtype=np.int64)
-    blocks[0], pair_lists[0], counts[0] = block, np.arange(pairs), pairs
-    return PendingBlocks(
-        blocks, pair_lists, counts, open_pairs, JointBox(cells.held.copy(), np.zeros(len(cells.held)), 0.0)
-    )
+    pair_lists = np.empty((MAX_PENDING_BLOCKS, pairs), dtype=np.int64)
+    blocks[0], pair_lists[0], counts[0] = block * cells.parts, np.arange(pairs), pairs
+    return PendingBlocks(blocks, pair_lists, counts, cells.held.copy(), np.zeros(len(cells.held)))
 
 
 class InnerScene(NamedTuple):
@@ -159,149 +179,282 @@ class InnerScene(NamedTuple):
     balls: InnerBalls
 
 
+class CellStates(NamedTuple):
+    """States of cells along three axes, and why they are MIXED.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (nx, ny, nz)
+    deciding_pairs : ndarray of int16, shape (nx, ny, nz)
+        A pair that keeps the cell MIXED; -1 for other cells.
+    """
+
+    states: States
+    deciding_pairs: NDArray[np.int16]
+
+
 @kernel
 def classify_block(
-    scene: Scene, inside: InnerScene, cells: JointCells, rest: PendingBlocks, states: States, scratch: SceneScratch
+    scene: Scene,
+    inside: InnerScene,
+    cells: JointCells,
+    pending: PendingBlocks,
+    pair_numbers: Ints,
+    out: CellStates,
+    scratch: SceneScratch,
 ) -> None:
-    """Write the states of the cells of the first pending block."""
-    blocks, pair_lists, counts, open_pairs, empty = rest
+    """Write the states of the cells of the first pending block.
+
+    ``pair_numbers`` has the numbers that are written for the scene's pairs.
+    """
     top = 1
     while top > 0:
         top -= 1
-        box = JointBox(empty.center, empty.halves, center_box(cells, scene, blocks[top], empty))
-        forward_kinematics(scene.chain, box.center, box.center, 0.0, scratch.poses)
-        count = 0
-        for n in range(counts[top]):
-            pair = pair_lists[top, n]
-            # While the boundaries stay apart, containment is the same in the whole box.
-            if may_touch(scene, pair, box, scratch) or is_nested(scene, pair, scratch, -1.0):
-                open_pairs[count] = pair
-                count += 1
-        if count == 0:
-            write_block(states, blocks[top], FREE)
-        elif is_blocked(inside, open_pairs[:count], box, scratch):
-            write_block(states, blocks[top], BLOCKED)
-        else:
-            axis = longest_axis(cells, blocks[top])
-            if axis < 0:
-                write_block(states, blocks[top], MIXED)
+        state, pair = prove_block(scene, inside, cells, pending, top, True, scratch)
+        if state == MIXED:
+            axis = longest_axis(cells, pending.blocks[top], cells.parts)
+            if axis >= 0:
+                halve_block(pending, top, axis, cells.parts)
+                top += 2
                 continue
-            cut = (blocks[top, axis] + blocks[top, axis + 3]) // 2
-            for n in range(6):
-                blocks[top + 1, n] = blocks[top, n]
-            blocks[top, axis + 3] = blocks[top + 1, axis] = cut
-            for n in range(count):
-                pair_lists[top, n] = pair_lists[top + 1, n] = open_pairs[n]
-            counts[top] = counts[top + 1] = count
-            top += 2
+            state, pair = refine_cell(scene, inside, cells, pending, top, scratch)
+        write_block(out, cells, pending.blocks[top], state, pair_numbers[pair] if state == MIXED else -1)
 
 
 @kernel
-def write_block(states: States, block: Ints, state: int) -> None:
-    """Set the state of all cells of a block."""
-    for i in range(block[0], block[3]):
-        for j in range(block[1], block[4]):
-            for k in range(block[2], block[5]):
-                states[i, j, k] = state
+def prove_block(
+    scene: Scene,
+    inside: InnerScene,
+    cells: JointCells,
+    pending: PendingBlocks,
+    row: int,
+    may_be_blocked: bool,
+    scratch: SceneScratch,
+) -> tuple[int, int]:
+    """Return the state of a pending block as a whole; MIXED if nothing is proven.
 
-
-@kernel
-def may_touch(scene: Scene, pair: int, box: JointBox, scratch: SceneScratch) -> bool:
-    """Return False if two boundaries are proven apart in a box.
-
-    The proof compares their distance at the center with the largest displacement in the box.
+    Also returns a pair that proves BLOCKED, or that is open. Pairs proven apart are dropped from the block's list.
     """
-    solids = scene.solids
-    i, j = scene.pairs[pair]
-    slide, angle = displacement_bounds(scene, solids.bodies[i], solids.bodies[j], box, scratch)
-    moved = (slide + angle * solids.levers[i]) / ADVANCE_FACTOR
-    return pair_slack(scene, pair, (0.0, moved, moved), box.required, 0.0, scratch) < 0.0
+    block, is_smallest = pending.blocks[row], cells.parts > 1
+    for axis in range(3):
+        number = cells.joint_indices[axis]
+        is_smallest = is_smallest and (number < 0 or block[axis + 3] - block[axis] == 1)
+        if number >= 0:
+            part = cells.spacing / cells.parts
+            pending.center[number] = cells.lower[axis] + 0.5 * part * (block[axis] + block[axis + 3])
+            # The box includes the rounding of queries.
+            pending.halves[number] = 0.5 * part * (block[axis + 3] - block[axis]) + cells.spacing * SLACK
+    if open_pairs(scene, pending, row, row, scratch) == 0:
+        return FREE, -1
+    # Only small boxes leave triangles crossed, and the search for crossings is slow.
+    pair = blocked_pair(inside, pending, row, True, is_smallest, scratch) if may_be_blocked else -1
+    return (BLOCKED, pair) if pair >= 0 else (MIXED, pending.pair_lists[row, 0])
 
 
 @kernel
-def displacement_bounds(scene: Scene, a: int, b: int, box: JointBox, scratch: SceneScratch) -> tuple[float, float]:
-    """Return bounds of the relative motion of two bodies.
+def test_corner(
+    scene: Scene,
+    inside: InnerScene,
+    cells: JointCells,
+    pending: PendingBlocks,
+    base: int,
+    corner: int,
+    scratch: SceneScratch,
+) -> tuple[int, int]:
+    """Return the state of a corner of a pending block, from 0 to 7, or of its center, -1.
 
-    They hold for body a, as seen from body b, in a whole box of joint values. Returns the translation of its origin and
-    its rotation. A joint translates the origin by at most its travel times the distance from its axis. That distance is
-    at most its value at the center plus the part that the other joints between can add, and never more than the lengths
-    between.
+    Also returns a pair as :func:`prove_block`. The next row is overwritten.
     """
-    chain, poses, moving, lengths = scene.chain, scratch.poses, scene.chain.between[a, b], scene.chain.lengths[a]
-    origin = column(poses[a], 3)
-    slide = angle = drift = 0.0
-    for j in range(1, len(moving)):
-        if moving[j]:
-            travel = abs(chain.factors[j]) * box.halves[chain.joint_indices[j]]
-            drift += travel * (lengths[j] if chain.kinds[j] == REVOLUTE else 1.0)
-    for j in range(1, len(moving)):
-        travel = abs(chain.factors[j]) * box.halves[chain.joint_indices[j]]
-        if not moving[j] or travel == 0.0:
-            continue
-        if chain.kinds[j] == REVOLUTE:
-            joint = poses[j]
-            axis = rotate(pose_rotation(joint), row_at(chain.axes[j], 0))
-            off = cross(axis, minus(origin, column(joint, 3)))
-            now = math.sqrt(dot(off, off)) + box.required
-            slide += travel * min(lengths[j], now + drift - travel * lengths[j])
-            angle += travel
-        elif chain.kinds[j] == PRISMATIC:
-            slide += travel
-    return slide, angle
-
-
-@kernel
-def center_box(cells: JointCells, scene: Scene, block: Ints, box: JointBox) -> float:
-    """Set a box to a block of cells.
-
-    It includes the rounding of queries. Returns the required distance.
-    """
+    block = pending.blocks[base]
     for axis in range(3):
         number = cells.joint_indices[axis]
         if number >= 0:
-            box.center[number] = cells.lower[axis] + 0.5 * cells.spacing * (block[axis] + block[axis + 3])
-            box.halves[number] = cells.spacing * (0.5 * (block[axis + 3] - block[axis]) + SLACK)
-    return required_distance(scene, box.center, box.center)
+            low, high = block[axis], block[axis + 3]
+            twice = low + high if corner < 0 else 2 * high if (corner >> axis) & 1 else 2 * low
+            pending.center[number] = cells.lower[axis] + 0.5 * cells.spacing / cells.parts * twice
+            pending.halves[number] = 0.0
+    if open_pairs(scene, pending, base, base + 1, scratch) == 0:
+        return FREE, -1
+    pair = blocked_pair(inside, pending, base + 1, False, True, scratch)
+    return (BLOCKED, pair) if pair >= 0 else (MIXED, pending.pair_lists[base + 1, 0])
 
 
 @kernel
-def longest_axis(cells: JointCells, block: Ints) -> int:
+def refine_cell(
+    scene: Scene, inside: InnerScene, cells: JointCells, pending: PendingBlocks, base: int, scratch: SceneScratch
+) -> tuple[int, int]:
+    """Return the state of a cell by its corners and parts, and a pair that keeps it MIXED or -1.
+
+    The cell is the pending block ``base``, and nothing is proven of it as a whole. A FREE point and a BLOCKED one show
+    that the cell is MIXED at any refinement, which ends most cells at the border.
+    """
+    has_free = has_blocked = False
+    pair = pending.pair_lists[base, 0]
+    if cells.parts == 1:
+        return MIXED, pair
+    for corner in range(-1, 8):
+        is_new = True  # axes without a joint have no second corner
+        for axis in range(3):
+            is_new = is_new and not (corner > 0 and (corner >> axis) & 1 and cells.joint_indices[axis] < 0)
+        if is_new:
+            state, touching = test_corner(scene, inside, cells, pending, base, corner, scratch)
+            has_free = has_free or state == FREE
+            if state == BLOCKED:
+                has_blocked, pair = True, touching
+            if has_free and has_blocked:
+                return MIXED, pair
+    copy_block(pending, base, base + 1)
+    top, state, touching = base + 1, MIXED, pending.pair_lists[base, 0]
+    while True:
+        if state == MIXED:
+            axis = longest_axis(cells, pending.blocks[top], 1)
+            if axis < 0:
+                return MIXED, pair if has_blocked else touching
+            halve_block(pending, top, axis, 1)
+            top += 2
+        if top == base + 1:
+            return (FREE if has_free else BLOCKED), -1
+        top -= 1
+        state, touching = prove_block(scene, inside, cells, pending, top, not has_free, scratch)
+        has_free = has_free or state == FREE
+        if state == BLOCKED:
+            has_blocked, pair = True, touching
+        if has_free and has_blocked:
+            return MIXED, pair
+
+
+@kernel
+def write_block(out: CellStates, cells: JointCells, block: Ints, state: int, pair: int) -> None:
+    """Set the states of all cells of a block, and the pair that decides."""
+    parts = cells.parts
+    for i in range(block[0] // parts, block[3] // parts):
+        for j in range(block[1] // parts, block[4] // parts):
+            for k in range(block[2] // parts, block[5] // parts):
+                out.states[i, j, k], out.deciding_pairs[i, j, k] = state, pair
+
+
+@kernel
+def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
+    """Copy a pending block with its pairs."""
+    for n in range(6):
+        pending.blocks[target, n] = pending.blocks[row, n]
+    for n in range(pending.counts[row]):
+        pending.pair_lists[target, n] = pending.pair_lists[row, n]
+    pending.counts[target] = pending.counts[row]
+
+
+@kernel
+def halve_block(pending: PendingBlocks, row: int, axis: int, parts: int) -> None:
+    """Replace a pending block by its halves, in this row and the next; whole multiples of ``parts`` stay together."""
+    copy_block(pending, row, row + 1)
+    block = pending.blocks[row]
+    cut = parts * ((block[axis] + block[axis + 3]) // (2 * parts))
+    block[axis + 3] = pending.blocks[row + 1, axis] = cut
+
+
+@kernel
+def longest_axis(cells: JointCells, block: Ints, parts: int) -> int:
     """Return the axis along which a block moves the arm farthest.
 
-    The result is -1 for a single cell.
+    The result is -1 if no axis has more than ``parts`` parts of cells.
     """
     chosen, farthest = -1, 0.0
     for axis in range(3):
         count = block[axis + 3] - block[axis]
-        if count > 1 and count * cells.levers[axis] > farthest:
+        if count > parts and cells.joint_indices[axis] >= 0 and count * cells.levers[axis] > farthest:
             chosen, farthest = axis, count * cells.levers[axis]
     return chosen
 
 
 @kernel
-def is_blocked(inside: InnerScene, pairs: Ints, box: JointBox, scratch: SceneScratch) -> bool:
-    """Return True if a pair provably collides in a whole box."""
-    for pair in pairs:
-        i, j = inside.scene.pairs[pair]
-        if ball_collides(inside, i, j, box, scratch) or ball_collides(inside, j, i, box, scratch):
-            return True
-    return False
+def open_pairs(scene: Scene, pending: PendingBlocks, row: int, target: int, scratch: SceneScratch) -> int:
+    """Copy the pairs of a pending block that may touch in the current box to another row; return their number.
+
+    The proof compares the distance of the boundaries at the center with the displacement in the box.
+    """
+    forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
+    bodies, required, count = scene.solids.bodies, required_distance(scene, pending.center, pending.center), 0
+    for n in range(pending.counts[row]):
+        pair = pending.pair_lists[row, n]
+        i, j = scene.pairs[pair]
+        moved = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
+        # While the boundaries stay apart, containment is the same in the whole box.
+        if pair_slack(scene, pair, JOINTS_ONLY, scratch.axes[:moved], required, 0.0, scratch) < 0.0 or is_nested(
+            scene, pair, scratch, -1.0
+        ):
+            pending.pair_lists[target, count] = pair
+            count += 1
+    pending.counts[target] = count
+    return count
 
 
 @kernel
-def ball_collides(inside: InnerScene, i: int, j: int, box: JointBox, scratch: SceneScratch) -> bool:
+def box_axes(chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch) -> int:
+    """Write the joints that move body a, as seen from body b, in a box of joint values.
+
+    Returns their number. The rows of ``scratch.axes`` are those of :func:`cspace.arms.hulls.joint_displacement`, in the
+    frame of b. They include the rounding of points, ``required``.
+    """
+    base, moving, out, count = scratch.poses[b], chain.between[a, b], scratch.axes, 0
+    frame = pose_rotation(base)
+    for j in range(1, len(moving)):
+        travel = abs(chain.factors[j]) * halves[chain.joint_indices[j]] / ADVANCE_FACTOR
+        if not moving[j] or travel == 0.0 or chain.kinds[j] == FIXED:
+            continue
+        pose, row = scratch.poses[j], out[count]
+        axis = rotate_back(frame, rotate(pose_rotation(pose), row_at(chain.axes[j], 0)))
+        origin = rotate_back(frame, minus(column(pose, 3), column(base, 3)))
+        for k in range(3):
+            row[k], row[3 + k] = axis[k], origin[k]
+        if chain.kinds[j] == REVOLUTE:
+            chord = 2.0 * math.sin(0.5 * min(travel, math.pi)) / ADVANCE_FACTOR
+            row[6], row[7] = chord, chord * required
+        else:
+            row[6], row[7] = 0.0, travel
+        count += 1
+    return count
+
+
+@kernel
+def blocked_pair(
+    inside: InnerScene, pending: PendingBlocks, row: int, with_balls: bool, with_crossings: bool, scratch: SceneScratch
+) -> int:
+    """Return an open pair of a pending block that provably collides in the whole current box, or -1.
+
+    The poses must be those of the center of the box. The kinds of proofs that are tried are chosen.
+    """
+    scene = inside.scene
+    bodies, required = scene.solids.bodies, required_distance(scene, pending.center, pending.center)
+    for n in range(pending.counts[row]):
+        pair = pending.pair_lists[row, n]
+        i, j = scene.pairs[pair]
+        if with_balls:
+            count = box_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
+            if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
+                return int(pair)
+        count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
+        if with_balls and ball_collides(inside, i, j, scratch.axes[:count], required, scratch):
+            return int(pair)
+        if with_crossings and boundaries_cross(scene, pair, scratch.axes[:count], required, scratch):
+            return int(pair)
+    return -1
+
+
+@kernel
+def ball_collides(inside: InnerScene, i: int, j: int, axes: Floats, required: float, scratch: SceneScratch) -> bool:
     """Return True if a ball in solid i provably meets solid j.
 
-    The proof holds in the whole box.
+    The proof holds in a whole box, in which ``axes`` move solid i as seen from solid j.
     """
-    scene, balls, solids = inside.scene, inside.balls, inside.scene.solids
-    slide, angle = displacement_bounds(scene, solids.bodies[i], solids.bodies[j], box, scratch)
+    balls, solids = inside.balls, inside.scene.solids
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for n in range(balls.starts[i], balls.starts[i + 1]):
-        rest = balls.radii[n] - (slide + angle * balls.levers[n] + box.required)
-        if rest + balls.deepest[j] <= 0.0:
+        if balls.radii[n] + balls.deepest[j] <= 0.0:
             continue
         x, y, z = point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
+        rest = balls.radii[n] - (joint_displacement(axes, point, 0.0) + required)
+        if rest + balls.deepest[j] <= 0.0:
+            continue
         if solids.has_solids[j] and reaches_piece(solids, j, point, rest, scratch):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
@@ -311,10 +464,7 @@ def ball_collides(inside: InnerScene, i: int, j: int, box: JointBox, scratch: Sc
                 continue
             if min(z - whole[2], whole[5] - z) + rest <= 0.0:
                 continue
-            low, high = bound_depth(inside, surface, 1, point)
-            if low + rest <= 0.0 < high + rest:
-                low, high = bound_depth(inside, surface, LATTICE_REFINEMENT, point)
-            if low + rest > 0.0 or (high + rest > 0.0 and surface_depth(solids, surface, x, y, z) + rest > 0.0):
+            if lies_deep(solids, balls.trees, surface, point, -rest, scratch.nodes):
                 return True
     return False
 
@@ -363,45 +513,93 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 
 @kernel
-def bound_depth(inside: InnerScene, surface: int, parts: int, point: Row) -> tuple[float, float]:
-    """Bound the depth of a point near a closed surface.
+def lies_deep(solids: Solids, trees: SurfaceTrees, surface: int, point: Row, min_depth: float, nodes: Ints) -> bool:
+    """Return True if a point provably lies deeper than ``min_depth`` in a closed surface.
 
-    The lower bound is exact, the upper bound approximate. Negative depths are outside. The depth changes no faster than
-    the distance, so the nearest lattice point bounds it. Points of the refined lattice, with ``parts`` points per step,
-    are computed at need and cached.
+    A negative ``min_depth`` allows a point outside, nearer to the surface than that. ``nodes`` is scratch, shape
+    (MAX_PENDING_PAIRS, 2).
     """
-    balls, solids, number, distance = inside.balls, inside.scene.solids, 0, 0.0
-    box, known, near = solids.boxes[surface], balls.depth if parts == 1 else balls.fine_depth, (0.0, 0.0, 0.0)
-    for axis in range(3):
-        step, count = balls.steps[surface, axis] / parts, balls.shapes[surface, axis] * parts
-        cell = min(max(math.floor((point[axis] - box[axis]) / step), 0), count - 1)
-        near = replaced(near, axis, box[axis] + (cell + 0.5) * step)
-        distance += (point[axis] - near[axis]) ** 2
-        number = number * count + int(cell)
-    number += balls.depth_starts[surface] * parts**3
-    depth, distance = known[number], math.sqrt(distance)
-    if depth == 0.0:
-        # Threads that compute it at the same time store the same value.
-        depth = known[number] = surface_depth(solids, surface, near[0], near[1], near[2])
-    return depth - distance, depth + distance
+    box, reach = solids.boxes[surface], abs(min_depth)
+    if min_depth < 0.0:
+        # The distance from thin triangles may be too small.
+        size = box[3] - box[0] + box[4] - box[1] + box[5] - box[2]
+        reach = -min_depth - THIN * size
+        if reach > 0.0 and nearest_triangle(solids, trees, surface, point, reach, nodes) < reach:
+            return True
+    elif nearest_triangle(solids, trees, surface, point, reach, nodes) <= reach:
+        return False
+    return winding_number(solids, trees, surface, point, nodes) != 0
 
 
 @kernel
-def surface_depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
-    """Bound the depth of a point in a surface from below.
-
-    It is negative outside.
-    """
-    box, winding, nearest = solids.boxes[surface], 0, np.inf
-    for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
-        winding += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
-        nearest = min(nearest, point_triangle((x, y, z), solids.triangles[t]))
-    # Outside, the distance must not be too small, but the distance from thin triangles may be.
-    return nearest if winding != 0 else -nearest - THIN * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
+def winding_number(solids: Solids, trees: SurfaceTrees, surface: int, point: Row, nodes: Ints) -> int:
+    """Return how often a closed surface winds around a point: the signed crossings of an upward ray."""
+    (x, y, z), box, winding = point, solids.boxes[surface], 0
+    if x < box[0] or x > box[3] or y < box[1] or y > box[4] or z > box[5]:
+        return 0
+    rounding = TREE_ROUNDING * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
+    nodes[1, 0], top = trees.roots[surface], 2
+    while top > 1:
+        top -= 1
+        b = nodes[top, 0]
+        around, (start, count) = trees.boxes[b], trees.spans[b]
+        # The ray crosses no triangle beside it or below its start.
+        if abs(x - around[0]) > around[3] + rounding or abs(y - around[1]) > around[4] + rounding:
+            continue
+        if z - around[2] > around[5] + rounding:
+            continue
+        if count == 1:
+            t = trees.order[start]
+            winding += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
+            continue
+        nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (count // 2)
+        top += 2
+    return winding
 
 
 @kernel
-def surface_depths(solids: Solids, surface: int, points: Floats, out: Floats) -> None:
-    """Compute the depths of points, shape (n, 3), in a surface."""
+def nearest_triangle(
+    solids: Solids, trees: SurfaceTrees, surface: int, point: Row, enough: float, nodes: Ints
+) -> float:
+    """Return the distance of a point from the nearest triangle of a closed surface.
+
+    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be returned.
+    """
+    nodes[1, 0], top, nearest = trees.roots[surface], 2, np.inf
+    while top > 1:
+        top -= 1
+        b = nodes[top, 0]
+        # The larger boxes cover the rounding of boxes and distances.
+        if box_distance(trees.boxes[b], point) > min(enough, nearest) * (1.0 + TREE_ROUNDING):
+            continue
+        start, count = trees.spans[b]
+        if count == 1:
+            nearest = min(nearest, point_triangle(point, solids.triangles[trees.order[start]]))
+            if nearest < enough < np.inf:
+                break
+            continue
+        first, second = b + 1, b + 2 * (count // 2)
+        if box_distance(trees.boxes[first], point) < box_distance(trees.boxes[second], point):
+            first, second = second, first
+        nodes[top, 0], nodes[top + 1, 0] = first, second  # the nearer child comes first
+        top += 2
+    return nearest
+
+
+@kernel
+def box_distance(box: Floats, point: Row) -> float:
+    """Return the distance of a point from a box, given by its center and half sides."""
+    x, y, z = point
+    dx = max(abs(x - box[0]) - box[3], 0.0)
+    dy = max(abs(y - box[1]) - box[4], 0.0)
+    dz = max(abs(z - box[2]) - box[5], 0.0)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
+def surface_depths(solids: Solids, trees: SurfaceTrees, surface: int, points: Floats, out: Floats, nodes: Ints) -> None:
+    """Compute the depths of points, shape (n, 3), in a surface; outside they are negative."""
     for n in range(len(points)):
-        out[n] = surface_depth(solids, surface, points[n, 0], points[n, 1], points[n, 2])
+        point = row_at(points[n], 0)
+        depth = nearest_triangle(solids, trees, surface, point, np.inf, nodes)
+        out[n] = depth if winding_number(solids, trees, surface, point, nodes) != 0 else -depth

@@ -297,11 +297,20 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 @kernel
 def tree_slack(
-    hulls: Hulls, one: int, other: int, motion: RelativeMotion, enough: float, scratch: Ints, directions: Floats
+    hulls: Hulls,
+    one: int,
+    other: int,
+    motion: RelativeMotion,
+    axes: Floats,
+    enough: float,
+    scratch: Ints,
+    directions: Floats,
 ) -> float:
     """Return a lower bound of (distance - required distance) between trees.
 
-    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. The result is negative
+    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For a box of
+    configurations, ``axes`` are the joints that move the first tree (:func:`joint_displacement`); a motion has none,
+    and for a box the motion has ``half_time`` 0. The result is negative
     if a pair of nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That pair
     becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2), and is tested first the next time. Row 1 then starts
     with 1 if pieces of connected parts were proven apart separately. ``directions``, shape (CACHED_DIRECTIONS, 4),
@@ -312,6 +321,9 @@ def tree_slack(
     spin_rate, required = math.sqrt(wx * wx + wy * wy + wz * wz), motion.required
     mx, my, mz, hx, hy, hz, sx, sy, sz, speed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     partial = proven = moves = False
+    joint_turn = 0.0
+    for k in range(len(axes)):
+        joint_turn += axes[k, 6]
     scratch[1, 0], scratch[1, 1], scratch[2, 0], scratch[2, 1] = one, other, known_a, known_b
     top += 2 if known_a >= 0 else 1
     while top > 1:
@@ -330,6 +342,7 @@ def tree_slack(
             x, y, z = vx + wy * mz - wz * my, vy + wz * mx - wx * mz, vz + wx * my - wy * mx
             half_time, max_displacement = motion.half_time, motion.max_displacement
             swing = half_time * spin_rate * box[6] + motion.curvature_bound
+            swing += joint_displacement(axes, (mx, my, mz), box[6])
             sx, sy, sz = (
                 min(half_time * abs(x) + swing, max_displacement),
                 min(half_time * abs(y) + swing, max_displacement),
@@ -362,7 +375,7 @@ def tree_slack(
                 partial = partial or not whole
                 continue
             # The children may be apart even if the hulls are not, unless the motion is too long.
-            loose = box[8] + fixed[8]
+            loose = box[8] + fixed[8] + 2.0 * joint_turn * box[6]
             if (a_child == 0 and b_child == 0) or (apart and slack + loose < 0.0):
                 scratch[0, 0], scratch[0, 1] = a, b
                 if apart and motion.half_time > 0.0:
@@ -398,6 +411,22 @@ def tree_slack(
         top += 2
     scratch[1, 0] = 1 if partial else 0
     return min(best, -1e-300) if moves else best
+
+
+@kernel
+def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
+    """Bound the displacement of a ball's points in a box of configurations.
+
+    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction and a point of its
+    axis at the center of the box, its rotation as a chord of the unit circle, and a translation. Move the joints one
+    after another, beginning at the observer. Each moves the ball and the axes of all later joints together, so the
+    distances of the ball from these axes are still those at the center.
+    """
+    total = 0.0
+    for k in range(len(axes)):
+        arm = cross(row_at(axes[k], 0), minus(point, row_at(axes[k], 3)))
+        total += axes[k, 6] * (math.sqrt(dot(arm, arm)) + radius) + axes[k, 7]
+    return total
 
 
 @always_inline

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import copy
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Final
 
@@ -16,16 +18,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.boxes import (
-    LATTICE_REFINEMENT,
+    CellStates,
     InnerBalls,
     InnerScene,
     JointCells,
+    SurfaceTrees,
+    build_surface_trees,
     classify_block,
     make_pending,
     surface_depths,
 )
 from cspace.arms.chain import FIXED, REVOLUTE
-from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch
+from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair_distances
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
 from cspace.check import check_finite, check_positive
@@ -33,6 +37,7 @@ from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BoundaryProofs
+from cspace.exact.triangles import MAX_PENDING_PAIRS
 from cspace.grid import Grid
 from cspace.limits import PlannedGrid, check_memory
 from cspace.map.contents import Contents
@@ -44,12 +49,16 @@ from cspace.space import CSpace
 from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
 
-_BYTES_PER_JOINT_CELL: Final = 3
-"""Memory per cell, bytes: its state, and whether it meets an obstacle or lies in one."""
+_BYTES_PER_JOINT_CELL: Final = 5
+"""Memory per cell, bytes: its state, whether it meets an obstacle or lies in one, and a pair while it is built."""
 
 
 _BLOCK_CELLS_PER_AXIS: Final = 32
 """Cells per axis of the blocks that threads start with."""
+
+
+_PARTS_PER_CELL: Final = {2: 4, 3: 1}
+"""Parts into which each side of a cell is divided at most, by the number of joints; powers of two."""
 
 
 _LATTICE_POINTS_PER_SURFACE: Final = 1000
@@ -60,7 +69,7 @@ _MAX_BALLS_PER_SURFACE: Final = 64
 """Largest number of balls inside a closed surface."""
 
 
-_MAX_CORNERS_PER_SOLID: Final = 24
+_MAX_CORNERS_PER_SOLID: Final = 1000
 """Largest number of corners of a solid used as balls of radius zero."""
 
 
@@ -152,27 +161,31 @@ def build_joint_map(
     _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
 
     cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._snapshot.inner.solids)
-    parts, work = [np.zeros((1, 1, 1), dtype=np.uint8)], []
+    parts, work = list[CellStates](), []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
         chosen = (moving == moved).all(axis=1)
         scene = space._outer_scene.select_pairs(chosen)
         inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
         # Along joints that do not move these pairs, one cell represents all.
         sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
-        parts.append(np.empty(sides, dtype=np.uint8))
+        parts.append(CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16)))
         starts = (
             _BLOCK_CELLS_PER_AXIS * np.indices(tuple((-(-sides // _BLOCK_CELLS_PER_AXIS)).tolist())).reshape(3, -1).T
         )
         blocks = np.concatenate([starts, np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)], axis=1)
         work += [
-            partial(_classify_block, scene, inside, cells, block, parts[-1]) for block in np.ascontiguousarray(blocks)
+            partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), parts[-1])
+            for block in np.ascontiguousarray(blocks)
         ]
     tell = None if progress is None else lambda done: progress(done, len(work))
     in_threads(lambda task: task(), work, workers or cores(), tell)
     # A cell is FREE if all pairs are, and BLOCKED if one pair is.
-    states = np.zeros(shape, dtype=np.uint8)
+    states, deciding_pairs = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int16)
     for part in parts:
-        np.maximum(states, part.reshape(part.shape[3 - len(shape) :]), out=states)
+        part_states, pairs = (each.reshape(each.shape[3 - len(shape) :]) for each in part)
+        np.copyto(deciding_pairs, pairs, where=part_states > states)
+        np.maximum(states, part_states, out=states)
+    deciding_pairs[states != MIXED] = -1
     for axis, (low, high) in enumerate(intervals.tolist()):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
             last = np.moveaxis(states, axis, 0)[-1]
@@ -182,17 +195,81 @@ def build_joint_map(
     slices = rotations._slices_for(robot.shape)
     circles = periodic_axes * any(periodic_axes)
     intervals[list(periodic_axes)] = -math.inf, math.inf
-    prove = partial(JointProofs, space._outer_scene, joint_indices, held, intervals)
+    mixed = np.flatnonzero(deciding_pairs >= 0)
+    part_names = tuple(each.name for group in space._snapshot.groups for each in group.members for _ in each.parts)
+    prove = JointGeometry(
+        space._outer_scene, joint_indices, held, intervals, part_names, mixed, deciding_pairs.ravel()[mixed]
+    )
     return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], periodic_axes=circles, prove=prove))
 
 
+def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple[str, str], int]:
+    """Return the pairs of links and obstacles that keep cells MIXED.
+
+    Parameters
+    ----------
+    joint_map : CSpace
+        A map of :func:`build_joint_map`, not from a file, and without changes of its cells.
+    q : array-like, shape (..., d), optional
+        Configurations of the map; only their cells count. The default is all cells.
+
+    Returns
+    -------
+    dict of (str, str) to int
+        The number of MIXED cells of each pair, the largest first. A cell counts for one pair, even if several keep it
+        MIXED. Cells that are MIXED only because they exceed a limit do not count.
+
+    Raises
+    ------
+    InputError
+        If the map has no geometry of an arm, or ``q`` is no configuration of the map.
+
+    Examples
+    --------
+    >>> import cspace, tempfile, pathlib
+    >>> bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+    >>> turn = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+    >>> turn += '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "two.urdf"
+    >>> links = f'<link name="foot"/><link name="upper">{bar}</link><link name="fore">{bar}</link>'
+    >>> joints = turn.format("shoulder", "foot", "upper", 0) + turn.format("elbow", "upper", "fore", 1)
+    >>> _ = path.write_text(f'<robot name="two">{links}{joints}</robot>')
+    >>> post = cspace.Robot.box((0.2, 0.2, 0.2), (1.5, 0.8, 0.0)).shape
+    >>> joint_map = cspace.build_joint_map(cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(path)), 0.1)
+    >>> list(cspace.undecided_pairs(joint_map))
+    [('fore', 'post')]
+    """
+    geometry = joint_map._kept.prove
+    if not isinstance(geometry, JointGeometry):
+        rule, hint = "maps from files and maps with changed cells have none", "pass the map that build_joint_map made"
+        raise InputError("joint_map", "has no geometry of an arm", rule, hint, value=joint_map)
+    cells, pairs, grid = geometry.mixed_cells, geometry.deciding_pairs, joint_map.grid
+    if q is not None:
+        places = joint_map._cells_of(joint_map._check_configurations(q, "q").reshape(-1, grid.dim))[:, -grid.dim :]
+        inside = ((places >= 0) & (places < grid.shape)).all(axis=1)
+        chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
+        cells, pairs = cells[chosen], pairs[chosen]
+    centers = grid.lower + grid.spacing * (np.stack(np.unravel_index(cells, grid.shape), axis=1) + 0.5)
+    found = Counter[tuple[str, str]]()
+    for pair in np.unique(pairs).tolist():
+        scene, rows = geometry.scene.select_pairs(np.array([pair])), geometry.configurations(centers[pairs == pair])
+        distances, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
+        pair_distances(scene, rows, distances, nearest, make_scene_scratch(scene))
+        for nodes, count in zip(*np.unique(nearest[:, 1:], axis=0, return_counts=True), strict=True):
+            link, other = (
+                geometry.part_names[scene.solids.part_at(solid, node)]
+                for solid, node in zip(scene.pairs[0].tolist(), nodes.tolist(), strict=True)
+            )
+            found[link, other] += int(count)
+    return dict(found.most_common())
+
+
 def _classify_block(
-    scene: Scene, inside: InnerScene, cells: JointCells, block: Ints, states: NDArray[np.uint8]
+    scene: Scene, inside: InnerScene, cells: JointCells, block: Ints, pair_numbers: Ints, out: CellStates
 ) -> None:
     """Classify a block of cells, with fresh scratch memory."""
-    classify_block(
-        scene, inside, cells, make_pending(block, cells, len(scene.pairs)), states, make_scene_scratch(scene)
-    )
+    pending, scratch = make_pending(block, cells, len(scene.pairs)), make_scene_scratch(scene)
+    classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
 
 
 def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) -> Floats:
@@ -290,6 +367,7 @@ def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats)
         joint_indices=np.concatenate([np.full(pad, -1), joint_indices]),
         held=held,
         levers=np.concatenate([np.zeros(pad), levers[joint_indices]]),
+        parts=_PARTS_PER_CELL[grid.dim],
     )
 
 
@@ -298,7 +376,8 @@ def _inner_balls(solids: Solids) -> InnerBalls:
 
     They are the deepest lattice points, apart from each other, and corners.
     """
-    surfaces = [_sample_depths(solids, surface) for surface in range(len(solids.boxes))]
+    trees = build_surface_trees(solids)
+    surfaces = [_sample_depths(solids, trees, surface) for surface in range(len(solids.boxes))]
     balls: list[Floats] = []
     counts = []
     for number in range(len(solids.bodies)):
@@ -313,18 +392,12 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         balls += found
         counts.append(sum(map(len, found)))
     every = np.concatenate([np.empty((0, 4)), *balls])
-    shapes = np.array([shape for _, _, shape in surfaces], dtype=np.int64).reshape(-1, 3)
     return InnerBalls(
         centers=every[:, :3].copy(),
         radii=every[:, 3].copy(),
-        levers=np.linalg.norm(every[:, :3], axis=1),
         starts=np.cumsum([0, *counts]),
         deepest=np.array([max(radii, default=0.0) for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])]),
-        steps=(solids.boxes[:, 3:] - solids.boxes[:, :3]) / shapes,
-        shapes=shapes,
-        depth=np.concatenate([np.empty(0), *(depth for _, depth, _ in surfaces)]),
-        fine_depth=np.zeros(LATTICE_REFINEMENT**3 * sum(len(depth) for _, depth, _ in surfaces)),
-        depth_starts=np.cumsum([0, *(len(depth) for _, depth, _ in surfaces)]),
+        trees=trees,
     )
 
 
@@ -337,10 +410,10 @@ def _solid_balls(rows: Floats) -> Floats:
     return np.column_stack([rows[largest, :3], radii[largest]])
 
 
-def _sample_depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[int, ...]]:
+def _sample_depths(solids: Solids, trees: SurfaceTrees, surface: int) -> tuple[Floats, Floats]:
     """Sample depths at lattice points of a closed surface.
 
-    Returns the points, the depths, and the shape of the lattice.
+    Returns the points and the depths.
     """
     low, sides = solids.boxes[surface, :3], np.ptp(solids.boxes[surface].reshape(2, 3), axis=0)
     step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
@@ -350,11 +423,11 @@ def _sample_depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[
     )
     points = low + (np.indices(shape).reshape(3, -1).T + 0.5) * sides / shape
     depth = np.empty(len(points))
-    surface_depths(solids, surface, points, depth)
-    return points, depth, shape
+    surface_depths(solids, trees, surface, points, depth, np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64))
+    return points, depth
 
 
-def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats:
+def _pick_balls(points: Floats, depth: Floats) -> Floats:
     """Pick the largest balls around points, shape (n, 4).
 
     Points near larger balls are skipped.
@@ -369,12 +442,11 @@ def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats
     return np.column_stack([points[chosen], depth[chosen]])
 
 
-class JointProofs:
-    """Proofs by an arm, for a map of joints.
+@dataclass(frozen=True, eq=False)
+class JointGeometry:
+    """An arm among obstacles, of which some joints vary: makes the proofs of a map.
 
-    The arm is in a scene with obstacles. See :class:`cspace.exact.boundaries.Proofs`.
-
-    Parameters
+    Attributes
     ----------
     scene : Scene
     joint_indices : ndarray of int64, shape (d,)
@@ -383,13 +455,41 @@ class JointProofs:
         Values of the other joints.
     intervals : ndarray of float64, shape (d, 2)
         The mapped part of each joint's range; infinite for continuous joints.
-    problem : Problem
-        The map.
+    part_names : tuple of str
+        Link or obstacle of each part of the scene's solids.
+    mixed_cells : ndarray of int64, shape (n,)
+        Flat indices of the cells that a pair keeps MIXED.
+    deciding_pairs : ndarray of int16, shape (n,)
+        That pair of the scene.
     """
 
-    def __init__(self, scene: Scene, joint_indices: Ints, held: Floats, intervals: Floats, problem: Problem) -> None:
-        self._scene, self._numbers, self._held_configuration, self._intervals = scene, joint_indices, held, intervals
-        self._problem = problem
+    scene: Scene
+    joint_indices: Ints
+    held: Floats
+    intervals: Floats
+    part_names: tuple[str, ...]
+    mixed_cells: Ints
+    deciding_pairs: NDArray[np.int16]
+
+    def __call__(self, problem: Problem) -> JointProofs:
+        """Return the proofs for a map."""
+        return JointProofs(self, problem)
+
+    def configurations(self, q: Floats) -> Floats:
+        """Return configurations of the arm, shape (n, arm.dof), from those of the map, shape (n, d)."""
+        rows = np.tile(self.held, (len(q), 1))
+        rows[:, self.joint_indices] = q
+        return rows
+
+
+class JointProofs:
+    """Proofs by an arm, for a map of joints.
+
+    See :class:`cspace.exact.boundaries.Proofs`.
+    """
+
+    def __init__(self, geometry: JointGeometry, problem: Problem) -> None:
+        self._geometry, self._problem = geometry, problem
 
     def edge(self, *endpoints: float) -> bool:
         """Return True if the whole edge is proven free."""
@@ -397,10 +497,14 @@ class JointProofs:
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         """Return whether each edge, shapes (n, d), is proven free."""
-        free, (low, high) = np.zeros(len(q0), dtype=np.bool_), self._intervals.T  # nothing is proven beyond the limits
+        free, (low, high) = (
+            np.zeros(len(q0), dtype=np.bool_),
+            self._geometry.intervals.T,
+        )  # nothing is proven beyond the limits
         first, last = (((low <= q) & (q <= high)).all(axis=1) for q in (q0, q1))
         inside = np.flatnonzero(first & last)
-        free[inside] = are_free(self._scene, *(self._whole(q[inside]) for q in (q0, q1)))
+        firsts, lasts = (self._geometry.configurations(q[inside]) for q in (q0, q1))
+        free[inside] = are_free(self._geometry.scene, firsts, lasts)
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
@@ -414,9 +518,3 @@ class JointProofs:
     def _in_joints(self) -> Proofs:
         """Proofs of distances in joint space."""
         return BoundaryProofs(self._problem)
-
-    def _whole(self, q: Floats) -> Floats:
-        """Return configurations of the arm, shape (n, arm.dof)."""
-        rows = np.tile(self._held_configuration, (len(q), 1))
-        rows[:, self._numbers] = q
-        return rows

@@ -12,12 +12,13 @@ motion. If hulls of whole parts are apart, this test is not needed.
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cspace.arms.chain import Chain, forward_kinematics, motion_bounds, relative_motion, relative_pose
-from cspace.arms.hulls import CACHED_DIRECTIONS, Hulls, tree_slack
+from cspace.arms.hulls import CACHED_DIRECTIONS, Hulls, joint_displacement, tree_slack
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
@@ -85,6 +86,13 @@ class Solids(NamedTuple):
     has_solids: Bools
     starts: Ints
 
+    def part_at(self, solid: int, node: int) -> int:
+        """Return the part of a solid that has a node of its hulls; -1 stands for the root of the solid."""
+        first, stop = self.starts[solid : solid + 2, 2].tolist()
+        # It is the part whose root is the last not beyond the node.
+        roots, reached = self.part_roots[first:stop], node if node >= 0 else int(self.roots[solid])
+        return int(first + np.where(roots <= reached, roots, -1).argmax())
+
 
 class Scene(NamedTuple):
     """An arm among obstacles.
@@ -131,8 +139,12 @@ class SceneScratch(NamedTuple):
         Pairs known not to contain each other.
     nearest : ndarray of int64, shape (p, 2)
         The pair of nodes nearest to touching in the last test of each pair.
+    crossing : ndarray of int64, shape (p, 2)
+        Leaves of the triangles that last crossed, of each pair; -1 for none.
     directions : ndarray of float64, shape (CACHED_DIRECTIONS, 4)
         Separating directions of pairs of hulls.
+    axes : ndarray of float64, shape (b, 8)
+        Joints that move a pair in a box of configurations; see :func:`cspace.arms.hulls.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     """
 
@@ -142,7 +154,9 @@ class SceneScratch(NamedTuple):
     bounds: Floats
     not_nested: Bools
     nearest: Ints
+    crossing: Ints
     directions: Floats
+    axes: Floats
     nodes: Ints
 
 
@@ -156,7 +170,9 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
         np.empty((pairs, 3)),
         np.empty(pairs, dtype=np.bool_),
         np.full((pairs, 2), -1),
+        np.full((pairs, 2), -1),
         np.zeros((CACHED_DIRECTIONS, 4)),
+        np.empty((bodies, 8)),
         np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
     )
 
@@ -201,7 +217,7 @@ def point_is_free(scene: Scene, q: Floats, scratch: SceneScratch) -> bool:
     forward_kinematics(scene.chain, q, q, 0.0, scratch.poses)
     required = required_distance(scene, q, q)
     for n in range(len(scene.pairs)):
-        if pair_slack(scene, n, NO_MOTION, required, 0.0, scratch) < 0.0 or (
+        if pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch) < 0.0 or (
             scratch.nodes[1, 0] and is_nested(scene, n, scratch, -1.0)
         ):
             return False
@@ -249,7 +265,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
             # The second term bounds the motion of the rounding, a small part of the whole motion.
             curvature_bound = half * (half * scratch.bounds[n, 1] + required * scratch.bounds[n, 2]) / ADVANCE_FACTOR
             bounds = half / ADVANCE_FACTOR, curvature_bound, half * scratch.bounds[n, 0] / ADVANCE_FACTOR
-            slack = pair_slack(scene, n, bounds, required, 0.0, scratch)
+            slack = pair_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
             open_pairs[row, n] = slack < 0.0
             if slack < 0.0:
                 nearest, undecided = n, True
@@ -271,12 +287,18 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
 
 @kernel
 def pair_slack(
-    scene: Scene, n: int, bounds: tuple[float, float, float], required: float, enough: float, scratch: SceneScratch
+    scene: Scene,
+    n: int,
+    bounds: tuple[float, float, float],
+    axes: Floats,
+    required: float,
+    enough: float,
+    scratch: SceneScratch,
 ) -> float:
     """Return :func:`cspace.arms.hulls.tree_slack` of a pair, inf if one solid is empty.
 
     The pair's padding is required in addition. ``bounds`` are the time to either side, the largest deviation from the
-    linear motion, and the largest displacement.
+    linear motion, and the largest displacement. ``axes`` are the joints of a box of configurations, none for a motion.
     """
     solids, nodes, nearest, (half, curvature_bound, most) = scene.solids, scratch.nodes, scratch.nearest, bounds
     i, j = scene.pairs[n]
@@ -292,7 +314,7 @@ def pair_slack(
         required + scene.padding[n],
     )
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    slack = tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, enough, nodes, scratch.directions)
+    slack = tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, nodes, scratch.directions)
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
     return slack
 
@@ -382,32 +404,47 @@ def encloses(solids: Solids, surface: int, point: Row, min_depth: float) -> bool
 
 
 @kernel
-def boundaries_cross(scene: Scene, n: int, scratch: SceneScratch, required: float) -> bool:
+def boundaries_cross(scene: Scene, n: int, axes: Floats, required: float, scratch: SceneScratch) -> bool:
     """Return True if the first boundary provably crosses the second solid.
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the rounding of a point.
+    With ``axes``, the proof holds in a whole box of configurations; see :func:`cspace.arms.hulls.joint_displacement`.
     """
     solids = scene.solids
     i, j = scene.pairs[n]
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
+    known = scratch.crossing[n, 0], scratch.crossing[n, 1]
+    if known[0] >= 0 and parts_cross(solids.trees, known, matrix, shift, axes, required, scratch):
+        return True
     for one in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
         for other in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
             roots = solids.tree_roots[one], solids.tree_roots[other]
-            if roots[0] >= 0 and roots[1] >= 0 and parts_cross(solids.trees, roots, matrix, shift, scratch, required):
+            if roots[0] < 0 or roots[1] < 0:
+                continue
+            if parts_cross(solids.trees, roots, matrix, shift, axes, required, scratch):
+                scratch.crossing[n, 0], scratch.crossing[n, 1] = scratch.nodes[0, 0], scratch.nodes[0, 1]
                 return True
     return False
 
 
 @kernel
 def parts_cross(
-    trees: Trees, roots: tuple[int, int], matrix: Matrix, shift: Row, scratch: SceneScratch, required: float
+    trees: Trees,
+    roots: tuple[int, int],
+    matrix: Matrix,
+    shift: Row,
+    axes: Floats,
+    required: float,
+    scratch: SceneScratch,
 ) -> bool:
     """Return True if the boundary of one part provably crosses another part, given the roots of both.
 
-    The pose of the first part is as seen from the second.
+    The pose of the first part, and the ``axes``, are as seen from the second. Row 0 of ``scratch.nodes`` receives the
+    leaves that cross.
     """
     nodes = scratch.nodes
     nodes[1, 0], nodes[1, 1], top = roots[0], roots[1], 2
+    is_filled = trees.triangles[trees.spans[roots[1], 0], 9] != 0.0
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
@@ -418,6 +455,12 @@ def parts_cross(
             continue
         if k == 1 and is_beyond_side(matrix, center, row_at(box, 3), trees.triangles[piece]):
             continue
+        size, moved = math.sqrt(dot(row_at(box, 3), row_at(box, 3))), 0.0
+        if len(axes) > 0:
+            # Triangles stay crossed only if both are larger than twice the displacement.
+            moved = joint_displacement(axes, center, size if m == 1 else -size)
+            if against[3] + against[4] + against[5] <= moved or (size <= moved and not is_filled):
+                continue
         if m == 1 and k == 1:
             p, q = trees.triangles[row], trees.triangles[piece]
             corners = (
@@ -425,10 +468,13 @@ def parts_cross(
                 apply_pose(matrix, shift, row_at(p, 3)),
                 apply_pose(matrix, shift, row_at(p, 6)),
             )
-            if q[9] != 0.0 and pierces(corners, q, required):
+            nodes[0, 0], nodes[0, 1] = a, b
+            if q[9] != 0.0 and pierces(corners, q, required + moved):
                 return True
-            if p[9] == 0.0 and q[9] == 0.0 and crosses(corners, (row_at(q, 0), row_at(q, 3), row_at(q, 6)), required):
-                return True
+            if p[9] == 0.0 and q[9] == 0.0:
+                fixed = row_at(q, 0), row_at(q, 3), row_at(q, 6)
+                if crosses(corners, fixed, required, moved):
+                    return True
         elif m == 1 or (k > 1 and against[3] + against[4] + against[5] > hx + hy + hz):
             nodes[top, 1], nodes[top + 1, 0], nodes[top + 1, 1] = b + 1, a, b + 2 * (k // 2)
             top += 2
@@ -473,7 +519,7 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
             scratch.nearest[n, 0] = -1  # keeps the bound independent of earlier queries
             # A pair that is too near counts, even if its distance exceeds that of a pair with less padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
-            slack = pair_slack(scene, n, NO_MOTION, required, enough, scratch)
+            slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
             if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, -1.0):
                 slack = -1.0
             if slack >= 0.0:
@@ -495,7 +541,7 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch)
         out[k] = False
         for n in range(len(scene.pairs)):
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
-            if not out[k] and pair_slack(scene, n, NO_MOTION, required, 0.0, scratch) < 0.0:
-                out[k] = boundaries_cross(scene, n, scratch, required)
+            if not out[k] and pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch) < 0.0:
+                out[k] = boundaries_cross(scene, n, scratch.axes[:0], required, scratch)
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, scratch, required)

@@ -145,10 +145,7 @@ class Snapshot:
         names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
         for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             node = nearest_node if nearest_node >= 0 else int(solids.roots[number])
-            first, stop = solids.starts[number : number + 2, 2].tolist()
-            # The part that has a node is the one whose root is the last not beyond it.
-            roots = solids.part_roots[first:stop]
-            names.append(part_names[first + int(np.where(roots <= node, roots, -1).argmax())])
+            names.append(part_names[solids.part_at(number, node)])
             corners, radius = node_corners(solids.hulls, node)
             pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])

@@ -35,7 +35,18 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.kernels import apply_pose, box_extent, cross, dot, gap_between, minus, nearest_of_triangle, rotate, row_at
+from cspace.kernels import (
+    add_scaled,
+    apply_pose,
+    box_extent,
+    cross,
+    dot,
+    gap_between,
+    minus,
+    nearest_of_triangle,
+    rotate,
+    row_at,
+)
 from cspace.shapes import RoundedSimplices
 
 Corners = tuple[Row, Row, Row]
@@ -413,34 +424,77 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
 
 
 @kernel
-def crosses(a: Corners, b: Corners, tolerance: float) -> bool:
+def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bool:
     """Return True if two triangles provably cross.
 
     An edge of one passes through the interior of the other. Rounding is covered: each corner may be off by a quarter of
-    ``tolerance``.
+    ``tolerance``. They still cross if all points of one triangle move by at most ``displacement``.
     """
-    return _edge_pierces(a, b, tolerance) or _edge_pierces(b, a, tolerance)
+    sides_a = _sides_of_plane(a, b, tolerance)
+    if abs(sides_a[0] + sides_a[1] + sides_a[2]) == 3:  # apart, as most triangles in overlapping boxes
+        return False
+    sides_b = _sides_of_plane(b, a, tolerance)
+    if abs(sides_b[0] + sides_b[1] + sides_b[2]) == 3:
+        return False
+    return _edge_pierces(a, sides_a, b, tolerance, displacement) or _edge_pierces(
+        b, sides_b, a, tolerance, displacement
+    )
 
 
 @kernel
-def _edge_pierces(a: Corners, b: Corners, tolerance: float) -> bool:
+def _sides_of_plane(a: Corners, b: Corners, tolerance: float) -> tuple[int, int, int]:
+    """Return the side of each corner of a by the plane of b."""
+    return (
+        _side_of_plane(a[0], b[0], b[1], b[2], tolerance),
+        _side_of_plane(a[1], b[0], b[1], b[2], tolerance),
+        _side_of_plane(a[2], b[0], b[1], b[2], tolerance),
+    )
+
+
+@kernel
+def _edge_pierces(a: Corners, sides: tuple[int, int, int], b: Corners, tolerance: float, displacement: float) -> bool:
     """Return True if an edge of a provably passes through b.
 
     The ends of the edge lie on opposite sides of the plane of b, and its line passes all edges of b on the same side.
     """
     for k in range(3):
-        p, q = a[k], a[k + 1 if k < 2 else 0]
-        side = _side_of_plane(p, b[0], b[1], b[2], tolerance)
-        if side == 0 or _side_of_plane(q, b[0], b[1], b[2], tolerance) != -side:
+        after = k + 1 if k < 2 else 0
+        p, q = a[k], a[after]
+        if sides[k] == 0 or sides[after] != -sides[k]:
             continue
         sign = _side_of_plane(p, q, b[0], b[1], tolerance)
         if (
             sign != 0
             and _side_of_plane(p, q, b[1], b[2], tolerance) == sign
             and _side_of_plane(p, q, b[2], b[0], tolerance) == sign
+            and (displacement == 0.0 or _stays_pierced(p, q, b, displacement + tolerance))
         ):
             return True
     return False
+
+
+@kernel
+def _stays_pierced(p: Row, q: Row, b: Corners, displacement: float) -> bool:
+    """Return True if a segment that passes through a triangle still does after a motion.
+
+    All points of the one or the other move by at most ``displacement``. While the ends of the segment do not meet the
+    triangle, and the segment does not meet its edges, the number of signed intersections cannot change. So it suffices
+    that these distances exceed ``displacement``. Each is bounded by projections onto a line along the nearest points.
+    """
+    for end in (p, q):
+        n = minus(
+            end, add_scaled(nearest_of_triangle(minus(end, b[0]), minus(b[1], b[0]), minus(b[2], b[0])), b[0], 1.0)
+        )
+        apart = min(dot(n, minus(end, b[0])), min(dot(n, minus(end, b[1])), dot(n, minus(end, b[2]))))
+        if not apart > displacement * math.sqrt(dot(n, n)):
+            return False
+    for k in range(3):
+        c, d = b[k], b[k + 1 if k < 2 else 0]
+        n = gap_between(p, minus(q, p), c, minus(d, c))
+        apart = min(min(dot(n, minus(p, c)), dot(n, minus(p, d))), min(dot(n, minus(q, c)), dot(n, minus(q, d))))
+        if not apart > displacement * math.sqrt(dot(n, n)):
+            return False
+    return True
 
 
 @kernel

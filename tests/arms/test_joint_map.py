@@ -14,14 +14,15 @@ from scipy.ndimage import label
 
 import cspace
 import planners
+from benchmarks.suites.arm_peers import Meshes, coal_solids, our_solids
 from cspace import BLOCKED, FREE, MIXED, CSpace
-from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map
+from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map, undecided_pairs
 from cspace.errors import ConfigurationError, InputError
 from tests.arms.test_space import draw_scene
 from tests.maps import proven_paths
 from tests.refusals import refusals
 from tests.soak.plane import place_polygon
-from tests.urdfs import joint, link, planar, posed_box, write_urdf
+from tests.urdfs import joint, link, planar, pose_at, posed_box, write_urdf
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres."""
@@ -33,13 +34,14 @@ def build_plane_arm(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), pos
     return build_arm_space(shapes, Arm.from_urdf(planar(folder, limits=limits)))
 
 
-def meets_posts(q: Any, posts: Any = POSTS) -> Any:
+def meets_posts(q: Any, posts: Any = POSTS, bars: Any = ("upper", "fore")) -> Any:
     """Return True where the bars meet a post, by shapely."""
     (first, second), bar = np.transpose(q), shapely.box(0.0, -0.05, 1.0, 0.05)
     upper = place_polygon(bar, np.stack([np.zeros_like(first), np.zeros_like(first), first], axis=1))
     fore = place_polygon(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
     squares = [shapely.box(x - s / 2, y - s / 2, x + s / 2, y + s / 2) for x, y, s in posts]
-    return shapely.intersects(np.array([upper, fore])[:, None], np.array(squares)[:, None]).any(axis=(0, 1))
+    chosen = np.array([{"upper": upper, "fore": fore}[name] for name in bars])
+    return shapely.intersects(chosen[:, None], np.array(squares)[:, None]).any(axis=(0, 1))
 
 
 def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
@@ -92,6 +94,107 @@ def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) ->
             q = held.copy()
             q[: len(names)] = joint_map.grid.lower + joint_map.grid.spacing * (cell + rng.integers(0, 2, len(names)))
             assert (oracle.apart(q) > 0.0) == apart
+
+
+@settings(max_examples=4)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_maps_of_two_joints_agree_with_fcl(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    """Draw boxes on all kinds of joints, and cells whose neighbours have another state."""
+    space, oracle, rng = draw_scene(tmp_path_factory.mktemp("arm"), seed)
+    held = space.sample_free(None, rng)
+    chosen = np.sort(rng.permutation(3)[:2])
+    names = [space.arm.joints[k] for k in chosen]
+    low, high = np.maximum(held - 1.5, space.arm.lower), np.minimum(held + 1.5, space.arm.upper)
+    limits = {name: (float(low[k]), float(high[k])) for name, k in zip(names, chosen, strict=True)}
+    spacing = float(rng.uniform(0.05, 0.15))
+    joint_map = build_joint_map(space, spacing, names, held_joints=held, limits=limits)
+    states = np.asarray(joint_map.cell_states)
+    for state, apart in ((FREE, True), (BLOCKED, False)):
+        cells = np.argwhere(states == state)
+        near = [(states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells]
+        cells = cells[np.array(near, dtype=np.bool_)]
+        for cell in cells[rng.permutation(len(cells))[:60]]:
+            within = np.where(rng.random(2) < 0.6, rng.integers(0, 2, 2), rng.random(2))
+            q = held.copy()
+            q[chosen] = joint_map.grid.lower + joint_map.grid.spacing * (cell + within)
+            assert (oracle.apart(q) > 0.0) == apart
+
+
+def test_undecided_pairs_are_those_that_touch_in_the_cell(tmp_path: Path) -> None:
+    """Compare with the bars and posts that touch or nearly touch somewhere in a cell."""
+    space = build_plane_arm(tmp_path)
+    joint_map = build_joint_map(space, 0.1)
+    pairs, mixed = undecided_pairs(joint_map), np.argwhere(joint_map.cell_states == MIXED)
+    assert sum(pairs.values()) == len(mixed)
+    assert list(pairs.values()) == sorted(pairs.values(), reverse=True)
+    within = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
+    for cell in mixed[:: len(mixed) // 40]:
+        ((pair, count),) = undecided_pairs(
+            joint_map, joint_map.grid.lower + joint_map.grid.spacing * (cell + 0.5)
+        ).items()
+        assert count == 1 and pair[0] in ("upper", "fore")
+        x, y, side = POSTS[int(pair[1][-1])]
+        wider = ((x, y, side + 0.04),)  # the nearest pair at the center may touch only just outside
+        points = joint_map.grid.lower + joint_map.grid.spacing * (cell + within)
+        touching = [meets_posts(points, wider, bars=(pair[0],)).any()]
+        assert touching == [True]
+    assert undecided_pairs(joint_map, joint_map.sample_free(20, np.random.default_rng(1))) == {}
+    assert undecided_pairs(build_joint_map(space, 0.1, limits={"elbow": (2.8, 2.95)}), (0.0, 2.97)) == {}
+
+
+def test_undecided_pairs_need_the_geometry(tmp_path: Path) -> None:
+    joint_map = build_joint_map(build_plane_arm(tmp_path), 0.3)
+    joint_map.save(tmp_path / "map.zarr")
+    opened = cspace.open(tmp_path / "map.zarr")
+    assert isinstance(opened, CSpace)
+    for changed in (copy.deepcopy(joint_map), pickle.loads(pickle.dumps(joint_map))):
+        assert undecided_pairs(changed) == undecided_pairs(joint_map)
+        changed.add_obstacle("closed", [(2.5, 0.5)], radius=0.1)
+        with pytest.raises(InputError, match="joint_map has no geometry of an arm"):
+            undecided_pairs(changed)
+    with pytest.raises(InputError, match="joint_map has no geometry of an arm"):
+        undecided_pairs(opened)
+    with pytest.raises(InputError, match="q"):
+        undecided_pairs(joint_map, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning", "ignore:.*without collision geometry")
+@pytest.mark.parametrize(
+    "robot, names, spacing, min_free, max_mixed",
+    [
+        ("panda", ("panda_joint1", "panda_joint2"), 0.08, 0.7, 0.3),
+        ("ur5", ("shoulder_pan_joint", "elbow_joint"), 0.06, 0.7, 0.1),
+    ],
+)
+def test_maps_of_real_arms_agree_with_coal(
+    data: Path, robot: str, names: tuple[str, str], spacing: float, min_free: float, max_mixed: float
+) -> None:
+    """Place a box beside the arm; include the pairs of links that few joints move."""
+    pytest.importorskip("pinocchio")
+    folder, rng = data / "arms" / robot, np.random.default_rng(2)
+    arm = Arm.from_urdf(folder / f"{robot}.urdf", folder / f"{robot}.srdf")
+    solids = [("box", "box", pose_at(0.5, 0.3, 0.5), (0.2, 0.2, 0.4))]
+    space = build_arm_space(our_solids(solids), arm)
+    meshes = Meshes(folder / f"{robot}.urdf", arm.joints, coal_solids(solids), folder / f"{robot}.srdf")
+    held = (
+        np.array([0.0, 0.3, 0.0, -1.8, 0.0, 1.9, 0.6])
+        if robot == "panda"
+        else np.array([0.0, -1.2, 1.4, -1.0, -1.5, 0.0])
+    )
+    joint_map = build_joint_map(space, spacing, names, held_joints=held)
+    states, indices = np.asarray(joint_map.cell_states), [arm.joints.index(name) for name in names]
+    free, mixed, _ = np.array(joint_map.count()) / states.size
+    assert free > min_free and mixed < max_mixed
+    for state in (FREE, BLOCKED):
+        cells = np.argwhere(states == state)
+        near = np.array([(states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells])
+        for cell in rng.permutation(cells[near])[:60]:
+            q = held.copy()
+            q[indices] = joint_map.grid.lower + joint_map.grid.spacing * (cell + rng.integers(0, 2, 2))
+            if state == FREE:
+                assert not meshes.is_wrong(q)
+            else:
+                assert meshes.collides(q)
 
 
 def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:

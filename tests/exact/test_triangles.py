@@ -274,13 +274,13 @@ def test_distance_is_right_beside_nearly_parallel_edges() -> None:
 
 
 @kernel
-def cross_pairs(pairs, required, out):
-    """Test which triangles (n, 2, 3, 3) are proven to cross."""
+def cross_pairs(pairs, required, displacement, out):
+    """Test which triangles (n, 2, 3, 3) are proven to cross, also after a displacement."""
     for n in range(len(pairs)):
         a, b = pairs[n, 0], pairs[n, 1]
         one = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
         two = (b[0, 0], b[0, 1], b[0, 2]), (b[1, 0], b[1, 1], b[1, 2]), (b[2, 0], b[2, 1], b[2, 2])
-        out[n] = crosses(one, two, required)
+        out[n] = crosses(one, two, required, displacement)
 
 
 @pytest.mark.parametrize("required", [1e-12, 1e-3])
@@ -304,7 +304,7 @@ def test_crosses_is_right_for_any_rounding(case, required):
         pairs[:, 1, 0] = 0.0
         pairs[:, 0] = flat + near[:, None] * rng.normal(size=(number, 3, 3))
     crossing = np.empty(number, dtype=np.bool_)
-    cross_pairs(pairs, required, crossing)
+    cross_pairs(pairs, required, 0.0, crossing)
     off = rng.normal(size=pairs.shape)
     off *= 0.25 * required / np.linalg.norm(off, axis=-1, keepdims=True)
     assert crossing.sum() > 10
@@ -312,6 +312,29 @@ def test_crosses_is_right_for_any_rounding(case, required):
         assert not any(squared_triangle_distance(*pair) for pair in chosen)
     if case == "any" and required < 1e-6:
         assert all(squared_triangle_distance(*pair) > 0 for pair in pairs[~crossing][:40])
+
+
+@given(seed=seeds, displacement=st.floats(1e-3, 0.5), flat=st.booleans())
+@settings(max_examples=40)
+def test_displaced_triangles_still_cross(seed, displacement, flat):
+    """Move one of two triangles, also flat ones, by the largest displacements, in directions that separate them."""
+    rng = np.random.default_rng(seed)
+    pairs = rng.normal(size=(400, 2, 3, 3)) * 10.0 ** rng.uniform(-0.5, 0.5, (400, 2, 1, 1))
+    if flat:
+        pairs[:, 0, 2] = pairs[:, 0, :2].mean(axis=1) + 0.1 * rng.normal(size=(400, 3))
+    crossing, still = np.empty(400, dtype=np.bool_), np.empty(400, dtype=np.bool_)
+    cross_pairs(pairs, 1e-12, 0.0, crossing)
+    cross_pairs(pairs, 1e-12, displacement, still)
+    assert not (still & ~crossing).any()
+    for pair in pairs[still][:15]:
+        for direction in (*np.eye(3), *rng.normal(size=(4, 3))):
+            whole = np.tile(direction, (3, 1)) if rng.random() < 0.7 else rng.normal(size=(3, 3))
+            shift = displacement * whole / np.linalg.norm(whole, axis=1, keepdims=True)
+            for moved in (0, 1):
+                for sign in (-1.0, 1.0):
+                    placed = pair.copy()
+                    placed[moved] += sign * shift
+                    assert not squared_triangle_distance(*placed)
 
 
 @given(seed=seeds, count=st.integers(0, 70), ties=st.booleans())
