@@ -121,7 +121,7 @@ def test_public_names_are_imported_at_their_first_use() -> None:
     code = """
 import sys, cspace
 assert "numpy" not in sys.modules, "import cspace is not light"
-assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 27
+assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 28
 assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(cspace, "nothing")
 """
     subprocess.run([sys.executable, "-c", code], check=True)

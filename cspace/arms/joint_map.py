@@ -69,7 +69,7 @@ _MAX_BALLS_PER_SURFACE: Final = 64
 """Largest number of balls inside a closed surface."""
 
 
-_MAX_CORNERS_PER_SOLID: Final = 1000
+_MAX_CORNERS_PER_SOLID: Final = 96
 """Largest number of corners of a solid used as balls of radius zero."""
 
 
