@@ -252,7 +252,7 @@ def prove_block(
 
 
 @kernel
-def test_corner(
+def corner_state(
     scene: Scene,
     inside: InnerScene,
     cells: JointCells,
@@ -297,7 +297,7 @@ def refine_cell(
         for axis in range(3):
             is_new = is_new and not (corner > 0 and (corner >> axis) & 1 and cells.joint_indices[axis] < 0)
         if is_new:
-            state, touching = test_corner(scene, inside, cells, pending, base, corner, scratch)
+            state, touching = corner_state(scene, inside, cells, pending, base, corner, scratch)
             has_free = has_free or state == FREE
             if state == BLOCKED:
                 has_blocked, pair = True, touching
