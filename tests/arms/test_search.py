@@ -1,7 +1,6 @@
 """Paths of arms, proven and reproducible."""
 
 import math
-import time
 from itertools import pairwise
 from typing import Any
 
@@ -94,12 +93,10 @@ def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, se
     assert generator.batches < 100
 
 
-def test_search_without_a_path_ends_in_time(tmp_path: Any) -> None:
-    """Block the upper link by a wall and its limits."""
+def test_search_without_a_path_ends_at_its_time_limit(tmp_path: Any) -> None:
+    """Block the upper link by a wall and its limits: only the time ends this search."""
     space = build_arm_space({"wall": posed_box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}, Arm.from_urdf(planar(tmp_path)))
-    start = time.perf_counter()
     assert space.find_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
-    assert time.perf_counter() - start < 2.0
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -190,12 +187,13 @@ def test_short_paths_of_all_kinds_of_joints_are_proven(tmp_path: Any, seed: int)
     np.testing.assert_array_equal(path, space.find_path(q0, goals, iterations=None, **options))
 
 
-def test_further_searches_end_in_time_and_early(space: ArmSpace) -> None:
-    space.find_path(START, GOAL, seed=1, iterations=2)  # compiles
-    start = time.perf_counter()
-    space.find_path(START, GOAL, seed=1, iterations=10**9, time_limit=0.3)
-    assert time.perf_counter() - start < 2.0
-    start = time.perf_counter()
-    assert len(space.find_path(START, (-1.0, 0.3), seed=1, iterations=10**9, time_limit=60.0)) == 2
-    space.find_path(START, GOAL, seed=1, iterations=None, time_limit=60.0)
-    assert time.perf_counter() - start < 20.0
+def test_further_searches_end_at_their_time_limit(space: ArmSpace) -> None:
+    generator: Any = CountingGenerator(np.random.PCG64(1))
+    assert len(space.find_path(START, GOAL, seed=generator, iterations=10**9, time_limit=0.3)) > 2
+    assert generator.batches > 2
+
+
+def test_further_searches_end_once_the_path_is_as_short_as_its_bound(space: ArmSpace) -> None:
+    generator: Any = CountingGenerator(np.random.PCG64(1))
+    assert len(space.find_path(START, (-1.0, 0.3), seed=generator, iterations=10**9, time_limit=600.0)) == 2
+    assert generator.batches < 3

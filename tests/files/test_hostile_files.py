@@ -7,7 +7,6 @@ import shutil
 import struct
 import subprocess
 import sys
-import time
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable
@@ -64,12 +63,10 @@ def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dic
 
 
 def check_refused(path: Path, message: str, **options: Any) -> None:
-    """Fail unless a file is refused quickly in one line."""
-    start = time.process_time()
+    """Fail unless a file is refused in one line."""
     with pytest.raises(CspaceError, match=message) as caught:
         Workspace.open(path, **options)
     assert "\n" not in str(caught.value)
-    assert time.process_time() - start < 5.0
 
 
 def write_ros_map(tmp_path: Path, **changes: str) -> Path:

@@ -186,14 +186,14 @@ def test_unusable_arguments_are_refused(tmp_path: Path, options: dict[str, Any],
 
 
 BOMB = """
-import resource, sys, time
+import resource, sys
 import cspace
-began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
     cspace.Workspace.from_nrrd(sys.argv[1], threshold=1)
 except cspace.CspaceError as error:
     print(error)
-print(time.process_time() - began, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
 """
 
 
@@ -212,6 +212,4 @@ def test_files_that_unpack_to_gigabytes_take_little_memory(tmp_path: Path, sizes
     run = subprocess.run(
         [sys.executable, "-c", BOMB, str(path)], capture_output=True, text=True, check=True, env={**os.environ}
     )
-    seconds, megabytes = map(float, run.stdout.split("\n")[-2].split())
-    assert seconds < 20.0
-    assert megabytes < 900.0
+    assert float(run.stdout.split("\n")[-2]) < 900.0  # megabytes
