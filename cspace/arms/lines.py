@@ -66,6 +66,12 @@ MAX_ROWS_PER_CALL: Final = 1024
 HALF_TURN_SLACK: Final = 1e-6
 """Radians; a rotation nearer to half a turn has no shorter way round."""
 
+LINE_ROUNDING: Final = 4.0 * DISTANCE_ROUNDING
+"""Rounding allowance of a deviation, relative to the largest coordinate, and of an angle, radians."""
+
+MAX_LINE_COORDINATE: Final = 1e100
+"""Largest coordinate of a pose, metres; squares of much larger ones overflow."""
+
 REACHED, FULL, OUT_OF_REACH, JUMP, COLLISION = range(5)
 """Why a motion along a line ends: at the line's end, or because rows are full, or a step fails."""
 
@@ -215,14 +221,22 @@ class LineMotion:
 
 
 def check_corners(poses: ArrayLike) -> Floats:
-    """Return poses, shape (m, 4, 4), from one pose or several; raise InputError if one is no rigid motion."""
+    """Return poses, shape (m, 4, 4), from one pose or several.
+
+    Raises InputError if one is no rigid motion or beyond MAX_LINE_COORDINATE.
+    """
     given = check_finite(poses, "poses")
     if given.ndim not in (2, 3) or given.shape[-2:] != (4, 4) or not len(given):
         rule, hint = "it must be one pose, shape (4, 4), or several", "pass e.g. [first, second]"
         raise InputError("poses", f"has shape {given.shape}", rule, hint, value=poses)
-    if given.ndim == 2:
-        return check_rigid(given, "poses")[np.newaxis]
-    return np.stack([check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(given)])
+    names = ["poses"] if given.ndim == 2 else [f"poses[{k}]" for k in range(len(given))]
+    corners = np.stack([check_rigid(pose, name) for name, pose in zip(names, given.reshape(-1, 4, 4), strict=True)])
+    for name, pose in zip(names, corners, strict=True):
+        largest = float(np.abs(pose[:3, 3]).max())
+        if largest > MAX_LINE_COORDINATE:
+            rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
+            raise InputError(name, f"has the coordinate {largest:g} m", rule, "check its unit", value=pose)
+    return corners
 
 
 def make_lines(corners: Floats) -> list[Line]:
@@ -253,7 +267,8 @@ def follow_lines(
 ) -> LineMotion:
     """Follow lines one after the other from a FREE configuration, shape (dof,).
 
-    ``corners`` are the poses between which the lines lead, shape (m + 1, 4, 4).
+    ``corners`` are the poses between which the lines lead, shape (m + 1, 4, 4). Raises InputError if rounding exceeds
+    the tolerance.
     """
     arm, scene = snapshot.arm, snapshot.outer
     branch, tool = arm._branch_to(frame)
@@ -263,6 +278,11 @@ def follow_lines(
     pose = make_pose_problem(branch, tool, np.eye(4), tolerance, limits)
     radius = float(np.linalg.norm(tool[:3, 3]))
     size = float(branch.chain.lengths[-1, 0]) + radius + float(np.abs(corners[:, :3, 3]).max())
+    for given, rounding, unit in zip(tolerance, (LINE_ROUNDING * size, LINE_ROUNDING), ("m", "rad"), strict=True):
+        if given < rounding:
+            rule = f"its proof allows for rounding errors of up to {rounding:.2g} {unit}"
+            hint = "pass a larger tolerance" + ", or nearer poses" * (unit == "m")
+            raise InputError("tolerance", f"is {given:g} {unit}", rule, hint, value=tuple(tolerance.tolist()))
     found = [LineRows(start[np.newaxis], np.zeros(1), DISTANCE_ROUNDING * np.array([[size, 1.0]]))]
     outcome, failed = REACHED, start
     for number, line in enumerate(lines):
@@ -275,7 +295,9 @@ def follow_lines(
     stopped_by, status, fraction = "", "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached", 1.0
     if outcome != REACHED:
         lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
-        fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ lengths / lengths.sum())
+        weights = lengths / lengths.sum() if lengths.any() else np.full(len(lines), 1.0 / len(lines))
+        fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ weights)
+        fraction = min(fraction, math.nextafter(1.0, 0.0))  # only a motion that is certified has all of the line
         stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], failed)
         number = min(int(parameter), len(lines) - 1)
         left, line = number + 1 - parameter, lines[number]
@@ -407,7 +429,7 @@ def bound_deviation(
     for b in range(1, last + 1):
         n = chain.joint_indices[b]
         size += abs(chain.factors[b]) * (abs(q0[n]) + abs(q1[n])) + abs(chain.offsets[b])
-    rounding = DISTANCE_ROUNDING * (4.0 * (1.0 + rotation) + 2.0**-9 * size)
+    rounding = LINE_ROUNDING * (1.0 + rotation) + DISTANCE_ROUNDING * 2.0**-9 * size
     # The comparison is False for NaN, which then remains.
     if deviation + angle < np.inf:
         return deviation + rounding * problem.max_coordinate, angle + rounding, sampled, sampled_angle

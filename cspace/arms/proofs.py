@@ -522,10 +522,9 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
             slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
             if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, -1.0):
                 slack = -1.0
-            if slack >= 0.0:
-                slack += scene.padding[n]
-            if slack < out[k]:
-                out[k] = slack
+            # Compare without the padding: (out - padding) + padding may round to less than out.
+            if slack < enough:
+                out[k] = slack + scene.padding[n] if slack >= 0.0 else slack
                 nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]
 
 

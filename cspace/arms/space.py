@@ -650,7 +650,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If the start is not FREE, or more than 1e-5 rad (m) beyond the limits of a joint.
         InputError
             If the frame is unknown or no joint moves it, a pose is no rigid motion, two poses differ by half a turn, so
-            that both ways round are as short, or the tolerance is not two numbers above zero.
+            that both ways round are as short, or a coordinate exceeds 1e100 m. Also if the tolerance is not two numbers
+            above zero, or is below rounding: about 4e-12 rad, and 4e-12 times the largest coordinate.
 
         Examples
         --------

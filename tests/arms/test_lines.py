@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -353,6 +353,53 @@ def test_poses_equal_to_the_start_are_reached_at_once(tmp_path: Path) -> None:
     assert 0.0 < motion.deviation < 1e-10
 
 
+@pytest.fixture(scope="module")
+def open_polar(tmp_path_factory: pytest.TempPathFactory) -> ArmSpace:
+    """Build the polar arm without obstacles."""
+    return polar(tmp_path_factory.mktemp("polar"))
+
+
+def poses_of_polar(q: np.ndarray) -> np.ndarray:
+    """Compute the poses of the hand by hand, shape (..., 4, 4)."""
+    poses = np.zeros((*q.shape[:-1], 4, 4))
+    poses[..., :3, :3] = Rotation.from_rotvec(q[..., :1] * [0.0, 0.0, 1.0]).as_matrix()
+    poses[..., 0, 3], poses[..., 1, 3] = q[..., 1] * np.cos(q[..., 0]), q[..., 1] * np.sin(q[..., 0])
+    poses[..., 3, 3] = 1.0
+    return poses
+
+
+sizes = st.sampled_from([0.0, 1e-320, 1e-15, 1e-9, 0.1, 1e8, 1e9, 1e80, 1e99, 1e154, 1e160, 1e300, math.inf])
+"""Metres and radians from rounding errors to overflow."""
+
+
+@example(steps=[(0.0, 0.0)], tolerance=(1e-15, 1e-15))
+@example(steps=[(0.0, 0.0), (0.0, 0.0)], tolerance=(4.2e-12, 4.2e-12))
+@example(steps=[(1e300, 0.0)], tolerance=(1e-3, 1e-2))
+@example(steps=[(1e300, 0.0), (-1e300, 0.0)], tolerance=(math.inf, 7.0))
+@example(steps=[(0.1, 0.0), (1e-320, 1e-320)], tolerance=(1e-3, 7.0))
+@given(
+    steps=st.lists(st.tuples(sizes, sizes | st.floats(-1.0, 1.0)), min_size=1, max_size=3),
+    tolerance=st.tuples(sizes | st.floats(1e-13, 1e-9), sizes | st.floats(1e-13, 1e-9)),
+)
+@settings(max_examples=300)
+def test_extreme_lines_are_refused_or_followed_in_part(
+    open_polar: ArmSpace, steps: list[tuple[float, float]], tolerance: tuple[float, float]
+) -> None:
+    here = open_polar.arm.pose((0.3, 0.4), "hand")
+    corners = np.array([here] * len(steps))
+    with np.errstate(all="ignore"):
+        corners[:, :2, 3] += np.cumsum(steps, axis=0)
+    try:
+        motion = open_polar.follow_line((0.3, 0.4), "hand", corners, tolerance=tolerance)
+    except InputError as error:
+        size = 1.0 + float(np.abs(corners[:, :3, 3]).max())
+        assert error.argument in {"tolerance", "poses"} or error.argument.startswith("poses[")
+        assert not size < 1e100 or min(tolerance) < 1e-11 * size or np.isinf(tolerance).all()
+        return
+    check_motion(motion, open_polar.arm, poses_of_polar)
+    assert "nan" not in motion.status and "inf" not in motion.status
+
+
 def test_joints_that_do_not_move_the_frame_stay(tmp_path: Path) -> None:
     path = write_urdf(
         tmp_path,
@@ -400,6 +447,10 @@ def test_motions_are_read_only_and_can_be_pickled(tmp_path: Path) -> None:
     ({"poses": [np.eye(4), pose_at(0, 0, 0, (math.pi, 0, 0))]}, r"poses\[1\] is half a turn from poses\[0\]"),
     ({"tolerance": 1e-3}, "tolerance is 0.001; it must be two numbers above zero"),
     ({"tolerance": (0.0, 1.0)}, r"tolerance is \(0.0, 1.0\); it must be two numbers above zero"),
+    ({"tolerance": (1e-15, 1.0)}, "tolerance is 1e-15 m; .* rounding errors of up to .* m; pass a larger tolerance"),
+    ({"tolerance": (1.0, 1e-15)}, "tolerance is 1e-15 rad; .* rounding errors of up to 4e-12 rad"),
+    ({"poses": pose_at(1e10, 0)}, r"tolerance is 0.001 m; .* rounding errors of up to 0.04 m; .* or nearer poses"),
+    ({"poses": [np.eye(4), pose_at(1e300, 0)]}, r"poses\[1\] has the coordinate 1e\+300 m; the limit is 1e\+100 m"),
     ({"q0": (0.0,)}, r"q0 has shape \(1,\)"),
     ({"q0": np.zeros((2, 2))}, r"q0 has shape \(2, 2\); it must be one configuration"),
     ({"q0": (0.0, 2.0)}, "q0 has slide at 2; its limits are 0 and 1"),

@@ -1,11 +1,13 @@
 """Arms among obstacles: FREE, BLOCKED and motions, against FCL."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+import shapely
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 import planners
@@ -127,6 +129,68 @@ def test_closest_names_the_nearest_pair_and_bounds_its_distance(
     assert oracle.apart(q, contact[:2]) <= least * (1.0 + 1e-3) + 1e-5
     assert contact.distance <= least + 1e-6
     assert contact.distance >= least * (1.0 - 1e-3) - 1e-5
+
+
+@pytest.fixture(scope="module")
+def planar_arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    """Read the planar arm."""
+    return Arm.from_urdf(planar(tmp_path_factory.mktemp("planar")))
+
+
+def planar_distances(q: Any, boxes: dict[str, tuple[float, ...]]) -> dict[tuple[str, str], float]:
+    """Compute the distances of cubes from the bars of the planar arm, by shapely.
+
+    The cubes are given by side and center.
+    """
+    elbow, turn = np.array([np.cos(q[0]), np.sin(q[0])]), q[0] + q[1]
+    tips = {"upper": (np.zeros(2), elbow, q[0]), "fore": (elbow, elbow + (np.cos(turn), np.sin(turn)), turn)}
+    found = {}
+    for (link, (first, last, angle)), (name, (side, x, y, z)) in itertools.product(tips.items(), boxes.items()):
+        across = 0.05 * np.array([-np.sin(angle), np.cos(angle)])
+        bar = shapely.Polygon([first - across, last - across, last + across, first + across])
+        apart = bar.distance(shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2))
+        found[link, name] = float(np.hypot(apart, max(abs(z) - side / 2 - 0.05, 0.0)))
+    return found
+
+
+angles, paddings = st.floats(-3.0, 3.0), st.sampled_from([0.0, 0.1, 0.2, 0.3]) | st.floats(0.0, 0.3)
+
+
+@example(q=(0.9880535424199686, 0.5623810041527564), y=1.5, side=0.3, padding=(0.0, 0.1, 0.0, 0.0), margin=0.0)
+@example(q=(0.4, 0.4), y=1.5, side=0.3, padding=(0.0, 0.0, 0.3, 0.0), margin=0.1)
+@given(
+    q=st.tuples(angles, angles),
+    y=st.floats(1.0, 2.5),
+    side=st.floats(0.05, 0.5),
+    padding=st.tuples(paddings, paddings, paddings, paddings),
+    margin=paddings,
+)
+@settings(max_examples=300)
+def test_closest_names_the_nearest_pair_with_padding(
+    planar_arm: Arm,
+    q: tuple[float, float],
+    y: float,
+    side: float,
+    padding: tuple[float, ...],
+    margin: float,
+) -> None:
+    boxes = {"near": (side, 0.0, y, 0.4), "far": (side, 0.0, -9.0, 0.0), "beside": (side, 2.3, 0.5, 0.0)}
+    shapes = {name: posed_box((size,) * 3, *center) for name, (size, *center) in boxes.items()}
+    extra = dict(zip([*boxes, "fore"], padding, strict=True))
+    allowed = [("foot", name) for name in (*boxes, "fore")]
+    space = build_arm_space(shapes, planar_arm, padding=extra, margin=margin, allowed_collisions=allowed)
+    apart = planar_distances(q, boxes)
+    excess = {pair: apart[pair] - margin - sum(extra.get(name, 0.0) for name in pair) for pair in apart}
+    contact = space.closest(q)
+    assert space.obstacle_distance(q) == contact.distance
+    assume(abs(min(excess.values())) > 1e-9)
+    if min(excess.values()) > 0.0:
+        assert space.is_free(q) and apart[contact[:2]] == pytest.approx(min(apart.values()), abs=1e-9)
+        assert contact.distance == pytest.approx(min(apart.values()), abs=1e-9)
+        assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(min(apart.values()), abs=1e-6)
+    else:
+        assert not space.is_free(q) and contact.distance == 0.0
+        assert excess[contact[:2]] < 1e-9
 
 
 def test_folding_links_collide(tmp_path: Path) -> None:
