@@ -1,5 +1,19 @@
-# Public names. Each is imported at its first use, so that importing the package costs next to nothing.
+# Public names and packages. Each is imported at its first use, so that importing the package costs next to nothing.
 
+from . import arms as arms
+from . import errors as errors
+from . import exact as exact
+from . import export as export
+from . import files as files
+from . import limits as limits
+from . import plot as plot
+from . import raster as raster
+from . import shapes as shapes
+from . import spectral as spectral
+from . import store as store
+from . import update as update
+from . import view as view
+from . import workspace as workspace
 from .arms import Arm as Arm
 from .arms import ArmSpace as ArmSpace
 from .arms import PoseGoal as PoseGoal

@@ -1,6 +1,7 @@
 """Order of imports: acyclic, and from upper to lower packages only."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -8,7 +9,7 @@ from graphlib import TopologicalSorter
 from pkgutil import resolve_name
 from typing import NamedTuple
 
-from tests.repository import SOURCES
+from tests.repository import ROOT, SOURCES
 
 ORDER = [
     "cspace",  # the public names
@@ -117,11 +118,41 @@ def test_stubs_have_the_arguments_of_the_delegates() -> None:
     assert arguments(STUBS) == arguments(DELEGATES)
 
 
+def run_python(code: str) -> None:
+    """Run code in a new interpreter."""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_public_names_are_imported_at_their_first_use() -> None:
-    code = """
+    run_python("""
 import sys, cspace
 assert "numpy" not in sys.modules, "import cspace is not light"
-assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 28
+assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 42
 assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(cspace, "nothing")
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
+""")
+
+
+def documented_names() -> dict[str, set[str]]:
+    """Return the dotted names below ``cspace`` on public pages and in the API, by first package."""
+    pages = [*ROOT.glob("docs/**/*.md"), ROOT / "README.md", *ROOT.glob("examples/*.py"), *ROOT.glob("tutorials/*.py")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages if "_build" not in page.parts)
+    api = re.split(r"currentmodule:: (\w+)", (ROOT / "docs/api.md").read_text(encoding="utf-8"))
+    shown = [
+        f"cspace.{name}"
+        for package, part in zip(api[1::2], api[2::2], strict=True)
+        for name in re.findall(r"^   (\w+\.[\w.]*\w)$", part, re.MULTILINE)
+        if package == "cspace"
+    ]
+    names: dict[str, set[str]] = {}
+    for name in [*re.findall(r"(?<![\w./])cspace(?:\.[a-z]\w*)+\.\w+", text), *shown]:
+        package = name.split(".")[1]
+        if f"cspace.{package}" in SOURCES:
+            names.setdefault(package, set()).add(name)
+    return names
+
+
+def test_packages_of_documented_names_need_no_import_of_their_own() -> None:
+    names = documented_names()
+    assert {"arms", "export", "files", "limits", "plot", "spectral", "store", "view"} <= names.keys()
+    for found in names.values():
+        run_python("\n".join(["import cspace", *sorted(found)]))

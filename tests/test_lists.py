@@ -212,7 +212,9 @@ def test_api_page_shows_every_public_name(package: Any) -> None:
     missing = [
         name
         for name in package.__all__
-        if not any(getattr(package, name) is value for value in shown) and f"`{package.__name__}.{name}`" not in text
+        if not isinstance(getattr(package, name), ModuleType)  # the page shows its names
+        and not any(getattr(package, name) is value for value in shown)
+        and f"`{package.__name__}.{name}`" not in text
     ]
     assert missing == []
 

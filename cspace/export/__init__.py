@@ -1,1 +1,5 @@
 """Maps for other software, one theme per module."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

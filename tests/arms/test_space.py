@@ -1,6 +1,5 @@
 """Arms among obstacles: FREE, BLOCKED and motions, against FCL."""
 
-import itertools
 from pathlib import Path
 from typing import Any
 
@@ -142,14 +141,15 @@ def planar_distances(q: Any, boxes: dict[str, tuple[float, ...]]) -> dict[tuple[
 
     The cubes are given by side and center.
     """
-    elbow, turn = np.array([np.cos(q[0]), np.sin(q[0])]), q[0] + q[1]
-    tips = {"upper": (np.zeros(2), elbow, q[0]), "fore": (elbow, elbow + (np.cos(turn), np.sin(turn)), turn)}
-    found = {}
-    for (link, (first, last, angle)), (name, (side, x, y, z)) in itertools.product(tips.items(), boxes.items()):
-        across = 0.05 * np.array([-np.sin(angle), np.cos(angle)])
-        bar = shapely.Polygon([first - across, last - across, last + across, first + across])
-        apart = bar.distance(shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2))
-        found[link, name] = float(np.hypot(apart, max(abs(z) - side / 2 - 0.05, 0.0)))
+    start, found = np.zeros(2), {}
+    for bar, angle in (("upper", q[0]), ("fore", q[0] + q[1])):
+        along = np.array([np.cos(angle), np.sin(angle)])
+        across = 0.05 * np.array([-along[1], along[0]])
+        outline = shapely.Polygon([start - across, start + along - across, start + along + across, start + across])
+        for name, (side, x, y, z) in boxes.items():
+            apart = outline.distance(shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2))
+            found[bar, name] = float(np.hypot(apart, max(abs(z) - side / 2 - 0.05, 0.0)))
+        start = start + along
     return found
 
 

@@ -1,0 +1,3 @@
+# The public module. It is imported at its first use.
+
+from . import maps as maps
