@@ -686,8 +686,9 @@ class Workspace(WorkspacePlot):
         """Read the obstacles of a MoveIt planning scene.
 
         Boxes, spheres, cylinders, cones, meshes and planes are read, in the frame to which ``fixed_frame_transforms``
-        lead from the frames of their headers; it must be one. Cylinders and cones lie between two polyhedra, as
-        :meth:`cspace.Robot.cylinder` does. A plane is a surface without an inside and ends where the bounds do.
+        lead from the frames of their headers; it must be one. An object replaces an earlier one of its id, as in
+        MoveIt. Cylinders and cones lie between two polyhedra, as :meth:`cspace.Robot.cylinder` does. A plane is a
+        surface without an inside and ends where the bounds do.
 
         Parameters
         ----------
@@ -703,7 +704,8 @@ class Workspace(WorkspacePlot):
         Raises
         ------
         FileError
-            If the file is missing or malformed, or holds an OctoMap or a primitive of another type.
+            If the file is missing or malformed, holds an OctoMap, a primitive of another type or an unknown field, only
+            changes another scene, or would be read differently by MoveIt, e.g. if it appends to an object.
         GeometryError
             If a mesh has no triangle, or there is no shape at all.
         InputError
@@ -717,7 +719,8 @@ class Workspace(WorkspacePlot):
 
         check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
-        ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0))))
+        # The grid may exceed the bounds by a cell on each axis.
+        ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0) + 2.0 * spacing)))
         shapes = [part.moved() for part in read_scene_shapes(path, ball, package_dirs)]
         return cls._of_shapes(shapes, spacing, box, str(path), "planning scene")
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -159,6 +159,8 @@ class Arm:
     _passive: frozenset[str] = frozenset()
     _states: dict[str, dict[str, float]] = field(default_factory=dict)
     _carriers: dict[str, str] = field(default_factory=dict)
+    _left_out: frozenset[str] = frozenset()
+    """Links of the URDF that are not below the base."""
 
     @classmethod
     def from_urdf(
@@ -619,6 +621,16 @@ class Arm:
         return array
 
 
+def measure_arm_reach(arm: Arm) -> float:
+    """Return a distance from the origin of the base that no link exceeds, metres."""
+    reaches = [0.0]
+    for link in arm.links:
+        for part in link.parts:
+            corners = part.transform(np.array(list(product(*zip(*part.shape.outer.bounds, strict=True)))))
+            reaches.append(float(arm.chain.lengths[0, link.body] + np.linalg.norm(corners, axis=1).max()))
+    return max(reaches)
+
+
 def sort_pair(one: str, other: str) -> Names:
     """Return two names in alphabetical order."""
     return (one, other) if one < other else (other, one)
@@ -821,7 +833,8 @@ class _Assembly:
             {name: Frame(*frame) for name, frame in bodies.items()},
         )
         passive = self._joints.keys() - {*self._moving, *self._held}
-        arm = replace(arm, held_joints=self._held, _passive=frozenset(passive))
+        left_out = frozenset(self._urdf.link_map.keys() - bodies.keys())
+        arm = replace(arm, held_joints=self._held, _passive=frozenset(passive), _left_out=left_out)
         if srdf is None:
             return replace(arm, allowed_collisions=self._default_allowed(arm))
         return replace(

@@ -12,17 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.inverse import PoseGoal
-from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
+from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, measure_arm_reach, sort_pair
 from cspace.arms.solids import PosedShape, check_rigid
 from cspace.arrays import Floats, StrPath
 from cspace.check import check_known, check_positive
 from cspace.errors import GeometryError, InputError
 from cspace.files.access import ContentError, decoding
 from cspace.files.moveit import (
+    MOTION_ROUNDING,
     WORLD,
     Contacts,
     check_list,
     check_table,
+    find_frame_motions,
     parse_contacts,
     parse_frame,
     parse_link_values,
@@ -81,7 +83,8 @@ class PlanningScene:
     robot_state : JointValues
         Values of the robot's joints; empty if the file has none.
     padding : dict of str to float
-        Metres that are added to the margin between a link and obstacles.
+        Metres that are added to the margin between a link, with all that it carries, and obstacles. MoveIt grows the
+        shapes of the link instead, and a box keeps its corners, which are farther away.
     """
 
     source: str
@@ -92,6 +95,8 @@ class PlanningScene:
     padding: dict[str, float]
     _contacts: Contacts | None
     _ids: dict[str, str]
+    _motions: Mapping[str, tuple[str, Floats]]
+    _plane_radius: float | None
 
     def __repr__(self) -> str:
         """Return the file and the number of objects."""
@@ -113,11 +118,20 @@ class PlanningScene:
         ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If there is a matrix, it
         replaces the pairs of links that the SRDF lets touch, as in MoveIt.
         """
+        self._check_arm(arm, base_pose)
+        bare, links = arm, [frame for frame in arm.frames if frame not in arm._carriers]
         for name, each in self.attached.items():
-            check_known(each.link, f"{self.source}: link_name of {name!r}", arm.frames)
-            touching = [link for link in each.touch_links if link in arm.frames]
-            pose = self._pose_on_link(arm, each, base_pose)
+            check_known(each.link, f"{self.source}: link_name of {name!r}", links)
+            touching = [link for link in each.touch_links if link in links]
+            pose = self._pose_on_link(bare, each, base_pose)
             arm = arm.attach(name, each.shape.shape, each.link, pose, touching)
+        if self._plane_radius is not None:
+            reach = float(np.linalg.norm(base_pose[:3, 3])) + measure_arm_reach(arm)
+            if reach > self._plane_radius:
+                rule = f"the arm reaches {reach:.6g} m from the origin of the scene"
+                hint = "pass a larger one to read_moveit_scene"
+                argument, problem = f"{self.source}: plane_radius", f"is {self._plane_radius:g}"
+                raise InputError(argument, problem, rule, hint, value=self._plane_radius)
         if self._contacts is None:
             return arm, set()
         names = [link.name for link in arm.links]
@@ -125,6 +139,42 @@ class PlanningScene:
         pairs = (sort_pair(*pair) for pair in combinations(names, 2) if self.may_touch(*pair))
         arm = replace(arm, allowed_collisions=dict.fromkeys(pairs, "scene") | kept)
         return arm, {sort_pair(*pair) for pair in product(names, self.obstacles) if self.may_touch(*pair)}
+
+    def _check_arm(self, arm: Arm, base_pose: Floats) -> None:
+        """Raise InputError if the scene contradicts the arm: names, frames, or joints that the arm holds."""
+        for name in dict.fromkeys([*self._ids.values(), *self._ids]):
+            if name in arm.frames:
+                problem, rule = f"has the object {name!r}", "the arm has a frame of that name"
+                raise InputError(self.source, problem, rule, "rename the object", value=name)
+        for joint, held in arm.held_joints.items():
+            value = self.robot_state.get(joint, held)
+            if abs(value - held) > LIMIT_SLACK:
+                problem, rule = f"has {joint} at {value:.12g}", f"the arm holds it at {held:.12g}"
+                hint = "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state"
+                raise InputError(self.source, problem, rule, hint, value=value)
+        for frame, (root, motion) in self._motions.items():
+            if frame == root or frame not in arm.frames:
+                continue
+            base = base_pose if root == self.frame else find_base_pose(root, arm, self.source)
+            body, pose = arm._frames[frame]
+            if body or np.abs(base @ pose - motion).max() > MOTION_ROUNDING:
+                problem = f"moves the frame {frame!r} by fixed_frame_transforms"
+                hint = "remove that transform, or correct base_pose="
+                raise InputError(self.source, problem, "the arm has it elsewhere", hint, value=frame)
+
+    def _pad_links(self, arm: Arm) -> dict[str, float]:
+        """Return the padding of links with geometry, and of what they carry, metres, for an arm with all objects."""
+        links = [frame for frame in arm.frames if frame not in arm._carriers]
+        for name in self.padding:
+            check_known(name, f"{self.source}: link_padding", links, "names")
+        padding = {}
+        for each in arm.links:
+            link = each.name
+            while link in arm._carriers:
+                link = arm._carriers[link]
+            if link in self.padding:
+                padding[each.name] = self.padding[link]
+        return padding
 
     def _pose_on_link(self, arm: Arm, each: AttachedObject, base_pose: Floats) -> Floats:
         """Return the pose of an attached object in the frame of its link."""
@@ -156,7 +206,7 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
         if body:
             raise InputError(source, f"has poses in the frame {frame!r}", "a joint of the arm moves it", hint)
         return np.linalg.inv(pose).astype(np.float64)
-    if frame != WORLD:
+    if frame != WORLD or WORLD in arm._left_out:
         rule = f"the arm has no such frame; its base is {arm.frames[0]!r}"
         raise InputError(source, f"has poses in the frame {frame!r}", rule, hint, value=frame)
     return np.eye(4)
@@ -173,15 +223,16 @@ def read_moveit_scene(
         As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
     plane_radius : float, optional
         Metres around the origin of the scene. A square replaces each plane and covers it within this radius. Required
-        if the scene has planes; it should exceed the arm's reach.
+        if the scene has planes. :func:`cspace.build_arm_space` refuses a radius that the arm, with all that it carries,
+        could reach beyond; what is attached later must stay within it too.
     package_dirs : path-like, or sequence of path-like
         Folders that contain the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 
     Raises
     ------
     FileError, GeometryError
-        As :meth:`cspace.Workspace.from_moveit_scene`. Also if the file scales links, moves the robot's base by its
-        state, or has an unknown field.
+        As :meth:`cspace.Workspace.from_moveit_scene`. Also if the file scales links, pads them by less than zero, or
+        moves the robot's base by its state; or if the state only changes another one.
     InputError
         If ``plane_radius`` is not above zero.
     """
@@ -189,27 +240,39 @@ def read_moveit_scene(
 
     ball = None if plane_radius is None else (np.zeros(3), check_positive(plane_radius, "plane_radius"))
     source, content = str(path), read_scene(path, ball, package_dirs)
+    table = content.table
     if not content.shapes and not content.attached:
         raise GeometryError(source, "holds no shape", "a scene needs one", "pass another file")
     ids = {shape.name: shape.object_id for shape in content.shapes}
     attached = {}
     for each in content.attached:
-        for number, (shape, pose) in enumerate(each.parts):
-            name = each.name if len(each.parts) == 1 else f"{each.name}/{number}"
+        for name, shape, pose in each.parts:
             ids[name] = each.name
             attached[name] = AttachedObject(PosedShape(shape, pose), each.link, each.frame, tuple(each.touch_links))
     with decoding(path, SCENE_KIND):
-        table = content.table
         if scaled := parse_link_values(table.get("link_scale"), "link_scale", "scale", 1.0):
             problem = f"scales {', '.join(scaled)}"
             raise ContentError(problem, "links keep their size", "remove link_scale, and use link_padding")
         padding = parse_link_values(table.get("link_padding"), "link_padding", "padding", 0.0)
         if negative := [link for link, metres in padding.items() if metres < 0.0]:
             raise ContentError(f"has a negative padding of {negative[0]}", "links keep their size", "remove it")
-        state = JointValues(parse_robot_state(table.get("robot_state"), "robot_state").joints)
+        state = parse_robot_state(table.get("robot_state"), "robot_state")
+        if state.is_diff:
+            problem, rule = "has is_diff: true at robot_state", "it only changes another state"
+            raise ContentError(problem, rule, "write the whole state")
+        transforms = check_list(table.get("fixed_frame_transforms"), "fixed_frame_transforms")
+        _, base_motion = find_frame_motions(transforms, [state.base_frame])[state.base_frame]
+        if np.abs(base_motion - np.eye(4)).max() > MOTION_ROUNDING:
+            problem = f"has multi_dof_joint_state of robot_state in the frame {state.base_frame!r}"
+            rule, hint = "which fixed_frame_transforms move", "write it in the frame of the scene"
+            raise ContentError(f"{problem}, {rule}", "an arm's base is fixed", hint)
         contacts = parse_contacts(table.get("allowed_collision_matrix"))
     obstacles = {shape.name: PosedShape(shape.shape, shape.pose) for shape in content.shapes}
-    return PlanningScene(source, content.frame, obstacles, attached, state, padding, contacts, ids)
+    radius = None if ball is None or not any(shape.is_plane for shape in content.shapes) else ball[1]
+    values = JointValues(state.joints)
+    return PlanningScene(
+        source, content.frame, obstacles, attached, values, padding, contacts, ids, content.motions, radius
+    )
 
 
 class JointGoal(NamedTuple):

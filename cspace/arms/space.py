@@ -879,7 +879,8 @@ def build_arm_space(
         Metres, by link or obstacle, that are added to the margin between links and obstacles.
     base_pose : array-like, shape (4, 4), optional
         Pose of the arm's base in the frame of the obstacles; the identity by default. For a planning scene, the default
-        is the pose in the frame of the scene, which must be ``"world"`` or a frame of the arm that no joint moves.
+        is the pose in the frame of the scene, which must be ``"world"`` or a frame of the arm that no joint moves;
+        ``"world"`` is the frame of the base, unless the URDF has a link of that name elsewhere.
 
     Raises
     ------
@@ -892,13 +893,11 @@ def build_arm_space(
     """
     pairs, extra = set[Names](), dict[str, float]()
     if isinstance(obstacles, PlanningScene):
-        scene, links = obstacles, {link.name for link in arm.links}
+        scene = obstacles
         given = None if base_pose is None else check_rigid(base_pose, "base_pose")
         base_pose = placed_base = find_base_pose(scene.frame, arm, scene.source) if given is None else given
-        for name, metres in scene.padding.items():
-            check_known(name, f"{scene.source}: link_padding", arm.frames, "names")
-            extra |= {name: metres} if name in links else {}  # links without geometry cannot touch
         (arm, pairs), obstacles = scene._place(arm, placed_base), scene.obstacles
+        extra = scene._pad_links(arm)
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
     for name in named:

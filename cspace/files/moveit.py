@@ -20,10 +20,16 @@ WORLD: Final = "world"
 MAX_NAMES: Final = 10_000
 """Maximum number of names in an allowed collision matrix."""
 
+MAX_POSITION_METRES: Final = 1e7
+"""Largest coordinate of a position, metres; there, rounding is 2e-9 m."""
+
 _IDENTITY_QUATERNION: Final = (0.0, 0.0, 0.0, 1.0)
 
-_IDENTITY_ROUNDING: Final = 1e-6
-"""Largest entry of a motion minus the identity, metres and radians, that counts as no motion."""
+MOTION_ROUNDING: Final = 1e-6
+"""Largest difference of the entries of two equal motions, metres and radians."""
+
+_UNIT_ROUNDING: Final = 1e-3
+"""Largest difference of the length of a quaternion from 1 in a transform."""
 
 
 class Contacts(NamedTuple):
@@ -59,10 +65,16 @@ class RobotValues(NamedTuple):
         Values of joints, radians or metres.
     attached : sequence of mapping
         Messages of attached objects.
+    is_diff : bool
+        Whether it only changes another state.
+    base_frame : str
+        Frame in which joints with several degrees of freedom do not move the robot.
     """
 
     joints: dict[str, float]
     attached: Sequence[Mapping[str, Any]]
+    is_diff: bool
+    base_frame: str
 
 
 def check_table(value: Any, place: str, fields: Collection[str] | None = None) -> Mapping[str, Any]:
@@ -85,6 +97,21 @@ def check_list(value: Any, place: str) -> Sequence[Any]:
     if value is not None and not isinstance(value, list):
         raise ContentError(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
     return value or []
+
+
+def parse_flag(value: Any, place: str) -> bool:
+    """Return true or false; None is false."""
+    if value is not None and not isinstance(value, bool):
+        raise ContentError(f"has {str(value)[:40]} as {place}", "it must be true or false", "correct it")
+    return bool(value)
+
+
+def parse_name(value: Any, place: str) -> str:
+    """Return a name, which is not empty."""
+    if not isinstance(value, str) or not value:
+        hint = "add it" if not value else "put it in quotes"
+        raise ContentError(f"has {str(value)[:40] if value else value!r} as {place}", "it must be a name", hint)
+    return value
 
 
 def parse_names(value: Any, place: str) -> list[str]:
@@ -128,10 +155,15 @@ def parse_pose(value: Any, place: str) -> Floats:
     """Parse a pose as a rigid motion, shape (4, 4).
 
     The default is the identity. Like MoveIt, normalise quaternions.
+
+    Raises ContentError if a number is missing, or the position is so far away that digits are lost.
     """
     table = check_table(value, place, ("position", "orientation"))
     given = table.get("position"), table.get("orientation")
     position = np.zeros(3) if given[0] is None else parse_numbers(given[0], 3, f"position of {place}")
+    if np.abs(position).max() > MAX_POSITION_METRES:
+        problem = f"has a position beyond {MAX_POSITION_METRES:g} m at {place}"
+        raise ContentError(problem, "its digits would be lost", "write the scene in a nearer frame")
     quaternion = np.array(_IDENTITY_QUATERNION)
     if given[1] is not None:
         quaternion = parse_numbers(given[1], 4, f"orientation of {place}")
@@ -140,7 +172,8 @@ def parse_pose(value: Any, place: str) -> Floats:
     if quaternion[:3].any():
         from scipy.spatial.transform import Rotation
 
-        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+        # Squares of tiny numbers would lose digits.
+        matrix[:3, :3] = Rotation.from_quat(quaternion / np.abs(quaternion).max()).as_matrix()
     return matrix
 
 
@@ -171,6 +204,9 @@ def find_frame_motions(transforms: Sequence[Any], frames: Iterable[str]) -> dict
             raise ContentError(f"has two transforms of the frame {frame!r}", "it must have one", "remove one")
         if frame != parent:
             parents[frame] = parent, motion
+        elif np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
+            problem = f"moves the frame {frame!r} against itself by {place}"
+            raise ContentError(problem, "that motion must be the identity", "correct or remove it")
     motions: dict[str, tuple[str, Floats]] = {}
     for frame in frames:
         root, to_root, passed = frame, np.eye(4), {frame}
@@ -185,8 +221,16 @@ def find_frame_motions(transforms: Sequence[Any], frames: Iterable[str]) -> dict
 
 
 def _parse_transform(value: Any, place: str) -> Floats:
-    """Parse a transform as a rigid motion, shape (4, 4)."""
+    """Parse a transform as a rigid motion, shape (4, 4).
+
+    MoveIt does not normalise its quaternion.
+    """
     motion = check_table(value, place, ("translation", "rotation"))
+    if motion.get("rotation") is not None:
+        quaternion = parse_numbers(motion["rotation"], 4, f"rotation of {place}")
+        if quaternion.any() and abs(np.linalg.norm(quaternion) - 1.0) > _UNIT_ROUNDING:
+            problem = f"has {quaternion.tolist()} as rotation of {place}"
+            raise ContentError(problem, "it must be a unit quaternion", "divide it by its length")
     return parse_pose({"position": motion.get("translation"), "orientation": motion.get("rotation")}, place)
 
 
@@ -211,13 +255,19 @@ def parse_robot_state(value: Any, place: str) -> RobotValues:
         f"multi_dof_joint_state of {place}",
         ("header", "joint_names", "transforms", "twist", "wrench"),
     )
-    for number, item in enumerate(check_list(floating.get("transforms"), f"transforms of {place}")):
-        if np.abs(_parse_transform(item, f"transform {number} of {place}") - np.eye(4)).max() > _IDENTITY_ROUNDING:
+    frame = parse_frame(floating, f"multi_dof_joint_state of {place}")
+    transforms = check_list(floating.get("transforms"), f"transforms of {place}")
+    for number, item in enumerate(transforms):
+        if np.abs(_parse_transform(item, f"transform {number} of {place}") - np.eye(4)).max() > MOTION_ROUNDING:
             problem = f"moves the robot by transform {number} of multi_dof_joint_state of {place}"
             raise ContentError(problem, "an arm's base is fixed", "remove it, and pass base_pose= to build_arm_space")
+    if len(several := parse_names(floating.get("joint_names"), f"joint_names of {place}")) != len(transforms):
+        problem = f"has {len(several)} joint_names but {len(transforms)} transforms at multi_dof_joint_state of {place}"
+        raise ContentError(problem, "each joint needs one", "add or remove some")
     attached = check_list(state.get("attached_collision_objects"), f"attached_collision_objects of {place}")
     tables = [check_table(each, f"attached_collision_objects[{number}]") for number, each in enumerate(attached)]
-    return RobotValues(dict(zip(names, values, strict=True)), tables)
+    is_diff = parse_flag(state.get("is_diff"), f"is_diff of {place}")
+    return RobotValues(dict(zip(names, values, strict=True)), tables, is_diff, frame)
 
 
 def parse_contacts(value: Any) -> Contacts | None:
@@ -260,5 +310,7 @@ def parse_link_values(value: Any, name: str, field: str, neutral: float) -> dict
     for number, item in enumerate(check_list(value, name)):
         place = f"{name}[{number}]"
         entry = check_table(item, place, ("link_name", field))
-        values[str(entry.get("link_name"))] = parse_number(entry.get(field), f"{field} of {place}", neutral)
+        values[parse_name(entry.get("link_name"), f"link_name of {place}")] = parse_number(
+            entry.get(field), f"{field} of {place}", neutral
+        )
     return {link: number for link, number in values.items() if number != neutral}

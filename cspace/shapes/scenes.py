@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from cspace.files.moveit import (
     check_list,
     check_table,
     find_frame_motions,
+    parse_flag,
     parse_frame,
     parse_link_values,
+    parse_name,
     parse_names,
     parse_numbers,
     parse_pose,
@@ -195,6 +197,13 @@ _POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses", "
 Ball = tuple[Floats, float]
 
 
+class _Plane(NamedTuple):
+    """The points x with ``normal . x + offset = 0``; the normal is a unit vector, the offset in metres."""
+
+    normal: Floats
+    offset: float
+
+
 class SceneShape(NamedTuple):
     """A shape of a planning scene.
 
@@ -207,12 +216,15 @@ class SceneShape(NamedTuple):
         Motion from the frame of the shape to the frame of the scene.
     object_id : str
         Id of its collision object.
+    is_plane : bool
+        Whether the shape is a square that replaces a plane.
     """
 
     name: str
     shape: Shape
     pose: Floats
     object_id: str
+    is_plane: bool
 
     def moved(self) -> Shape:
         """Return the shape in the frame of the scene."""
@@ -230,15 +242,15 @@ class AttachedShapes(NamedTuple):
         Further links that may touch it.
     frame : str
         Frame of the poses.
-    parts : list of (Shape, ndarray of float64)
-        Shapes, and their poses, shape (4, 4).
+    parts : list of (str, Shape, ndarray of float64)
+        Names as of :class:`SceneShape`, shapes, and their poses, shape (4, 4).
     """
 
     name: str
     link: str
     touch_links: list[str]
     frame: str
-    parts: list[tuple[Shape, Floats]]
+    parts: list[tuple[str, Shape, Floats]]
 
 
 class SceneContent(NamedTuple):
@@ -252,6 +264,8 @@ class SceneContent(NamedTuple):
         Obstacles, in the frame of the scene.
     attached : list of AttachedShapes
         Objects that the robot carries.
+    motions : mapping of str to (str, ndarray of float64)
+        For each frame of shapes, the frame to which ``fixed_frame_transforms`` lead, and the motion, shape (4, 4).
     table : mapping
         The message itself.
     """
@@ -259,6 +273,7 @@ class SceneContent(NamedTuple):
     frame: str
     shapes: list[SceneShape]
     attached: list[AttachedShapes]
+    motions: Mapping[str, tuple[str, Floats]]
     table: Mapping[str, Any]
 
 
@@ -300,13 +315,14 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
     path : path-like
         YAML of a ``moveit_msgs/PlanningScene``, or of its ``world``.
     plane_ball : (ndarray of float64, shape (3,), float), optional
-        Center and radius of a ball, metres. Each plane, which has no end, becomes a square that covers its part in the
-        ball.
+        Center and radius of a ball in the frame of the scene, metres. Each plane, which has no end, becomes a square
+        that covers its part in the ball.
     package_dirs : path-like, or sequence of path-like
         Folders that hold the folders of packages, for meshes.
 
-    Raises FileError if the file is missing or malformed, or holds anything but boxes, spheres, cylinders, cones, meshes
-    and planes. Raises GeometryError if a mesh has no triangle.
+    Raises FileError if the file is missing or malformed, holds anything but boxes, spheres, cylinders, cones, meshes
+    and planes, only changes another scene, or is read differently by versions of MoveIt. Raises GeometryError if a mesh
+    has no triangle.
     """
     folders = package_folders(package_dirs)
     content = read_yaml(path, SCENE_KIND)
@@ -314,17 +330,20 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
         scene = check_table(content, "the file")
         is_world = "world" not in scene and "collision_objects" in scene
         scene = {"world": scene} if is_world else check_table(scene, "the scene", _SCENE_FIELDS)
+        if parse_flag(scene.get("is_diff"), "is_diff"):
+            raise ContentError("has is_diff: true", "it only changes another scene", "write the whole scene")
         world = check_table(scene.get("world"), "world", ("collision_objects", "octomap"))
         state = check_table(scene.get("robot_state"), "robot_state")
         attached = check_list(state.get("attached_collision_objects"), "attached_collision_objects")
         if "collision_objects" not in world and not attached:
             rule = "a planning scene lists its obstacles there"
             raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
-        octomap = check_table(check_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
-        if octomap.get("data"):
+        octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
+        tree = check_table(octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data"))
+        if tree.get("data"):
             hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
             raise ContentError("holds an OctoMap", "only collision objects are read", hint)
-        reader = _Reader(path, plane_ball, folders)
+        reader = _Reader(path, plane_ball is not None, folders)
         objects = reader.objects(check_list(world.get("collision_objects"), "collision_objects"))
         carried = [reader.attached(item, number) for number, item in enumerate(attached)]
         parse_names([each.name for each in carried], "attached_collision_objects")
@@ -332,55 +351,106 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
             check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"),
             dict.fromkeys([*(frame for frame, _ in objects.values()), *(each.frame for each in carried)]),
         )
+        _check_names(objects, carried)
+        for frame in (*motions, *(root for root, _ in motions.values())):
+            if frame in reader.frames:
+                problem = f"has poses in the frame {frame!r}, which is of object {reader.frames[frame]!r}"
+                rule = "MoveIt places them by that object"
+                raise ContentError(problem, rule, "write them in the frame of the scene, or rename the object")
         roots = {motions[frame][0]: frame for frame, _ in objects.values()}
         if len(roots) > 1:
             problem = f"has objects in the frames {', '.join(map(repr, sorted(roots.values())))}"
             rule = "fixed_frame_transforms must lead from all to one frame"
             raise ContentError(problem, rule, "write all in one frame")
         shapes = [
-            SceneShape(name if len(parts) == 1 else f"{name}/{number}", shape, motions[frame][1] @ pose, name)
+            SceneShape(part_name, *_cut(shape, motions[frame][1] @ pose, plane_ball), name, isinstance(shape, _Plane))
             for name, (frame, parts) in objects.items()
-            for number, (shape, pose) in enumerate(parts)
+            for part_name, (shape, pose) in zip(_name_parts(name, len(parts)), parts, strict=True)
         ]
         for number, each in enumerate(carried):
             root, motion = motions[each.frame]
-            parts = [(shape, motion @ pose) for shape, pose in each.parts]
-            carried[number] = each._replace(frame=root, parts=parts)
-        return SceneContent(next(iter(roots), WORLD), shapes, carried, scene)
+            moved = [(name, shape, motion @ pose) for name, shape, pose in each.parts]
+            carried[number] = each._replace(frame=root, parts=moved)
+        return SceneContent(next(iter(roots), WORLD), shapes, carried, motions, scene)
+
+
+def _name_parts(name: str, count: int) -> list[str]:
+    """Return the names of the shapes of an object."""
+    return [name] if count == 1 else [f"{name}/{number}" for number in range(count)]
+
+
+def _check_names(objects: Mapping[str, tuple[str, Sequence[object]]], attached: Sequence[AttachedShapes]) -> None:
+    """Raise ContentError if two objects or two of their shapes have one name, because one would hide the other."""
+    owners: dict[str, str] = {}
+    counts = [*((name, len(parts)) for name, (_, parts) in objects.items())]
+    for name, count in [*counts, *((each.name, len(each.parts)) for each in attached)]:
+        if name in objects and any(each.name == name for each in attached):
+            problem, rule = f"has the object {name!r} in the world and attached", "MoveIt would keep one"
+            raise ContentError(problem, rule, "rename or remove one")
+        for part in _name_parts(name, count):
+            if part in owners:
+                problem = f"has the shape {part!r} of object {owners[part]!r} and of object {name!r}"
+                raise ContentError(problem, "names of shapes must differ", "rename one object")
+            owners[part] = name
+
+
+def _cut(shape: Shape | _Plane, pose: Floats, ball: Ball | None) -> tuple[Shape, Floats]:
+    """Return a shape and its pose, shape (4, 4), in the frame of the scene.
+
+    A square replaces a plane and covers its part in the ball.
+    """
+    if not isinstance(shape, _Plane) or ball is None:
+        return cast(Shape, shape), pose
+    (center, radius), direction = ball, pose[:3, :3] @ shape.normal
+    foot = center - direction * (direction @ (center - pose[:3, 3]) + shape.offset)
+    across = np.linalg.svd(direction[np.newaxis])[2][1:]
+    corners = foot + radius * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) @ across
+    return Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)]), "surface"), np.eye(4)
 
 
 class _Reader:
-    """Maker of the shapes of collision objects."""
+    """Maker of the shapes of collision objects.
 
-    def __init__(self, path: StrPath, plane_ball: Ball | None, folders: Sequence[Path]) -> None:
-        self._path, self._plane_ball, self._folders = path, plane_ball, folders
+    Attributes
+    ----------
+    frames : dict of str to str
+        Frames of the objects, with their subframes, and the id of their object.
+    """
+
+    def __init__(self, path: StrPath, has_ball: bool, folders: Sequence[Path]) -> None:
+        self._path, self._has_ball, self._folders = path, has_ball, folders
         self._meshes: dict[str, Surface] = {}
         self._count, self._bytes = 0, 0
+        self.frames: dict[str, str] = {}
 
-    def objects(self, items: Sequence[Any]) -> dict[str, tuple[str, list[tuple[Shape, Floats]]]]:
+    def objects(self, items: Sequence[Any]) -> dict[str, tuple[str, list[tuple[Shape | _Plane, Floats]]]]:
         """Return the objects by id after all operations.
 
-        Each has a frame, and shapes with their poses.
+        Each has a frame, and shapes with their poses. As in MoveIt, a later object replaces an earlier one of its id.
         """
-        objects: dict[str, tuple[str, list[tuple[Shape, Floats]]]] = {}
+        objects: dict[str, tuple[str, list[tuple[Shape | _Plane, Floats]]]] = {}
+        ids: dict[str, Any] = {}
         for number, item in enumerate(items):
-            entry = check_table(item, f"collision_objects[{number}]", _OBJECT_FIELDS)
-            name = str(entry.get("id") or f"object {number}")
-            operation = _parse_operation(entry)
-            if operation not in _OPERATIONS or _OPERATIONS[operation] == _MOVE:
-                problem = f"has the operation {operation!r} at object {name!r}"
-                raise ContentError(problem, "it must be add, append or remove (0, 2 or 1)", "write the scene as it is")
-            if _OPERATIONS[operation] == _REMOVE:
+            place = f"collision_objects[{number}]"
+            entry = check_table(item, place, _OBJECT_FIELDS)
+            name = _parse_id(entry.get("id"), f"id of {place}")
+            if name in ids and not (isinstance(entry["id"], str) and isinstance(ids[name], str)):
+                # As text, the two may differ: 5 and +5 are one number.
+                problem, rule = f"has the id {name!r} again at {place}, once as a number", "ids are text"
+                raise ContentError(problem, rule, "put them in quotes")
+            ids[name] = entry["id"]
+            operation = _parse_operation(entry, f"object {name!r}")
+            if operation == _MOVE:
+                problem = f"has the operation {entry['operation']!r} at object {name!r}"
+                raise ContentError(problem, _OPERATION_RULE, "write the scene as it is")
+            if operation == _REMOVE:
                 objects.pop(name, None)
                 continue
+            if operation == _APPEND and name in objects:
+                problem, rule = f"appends to object {name!r}", "versions of MoveIt differ in the pose"
+                raise ContentError(problem, rule, "write all its shapes in one object")
             frame = parse_frame(entry, f"object {name!r}")
-            parts = self._read_parts(entry, f"object {name!r}")
-            if _OPERATIONS[operation] == _APPEND and name in objects:
-                if objects[name][0] != frame:
-                    problem = f"appends to object {name!r} in frame {frame!r}, which is in frame {objects[name][0]!r}"
-                    raise ContentError(problem, "frames must be equal", "write both in one frame")
-                parts = [*objects[name][1], *parts]
-            objects[name] = frame, parts
+            objects[name] = frame, self._read_parts(entry, name, f"object {name!r}")
         return objects
 
     def attached(self, item: Any, number: int) -> AttachedShapes:
@@ -388,31 +458,40 @@ class _Reader:
         place = f"attached_collision_objects[{number}]"
         carried = check_table(item, place, ("link_name", "object", "touch_links", "detach_posture", "weight"))
         entry = check_table(carried.get("object"), f"the object of {place}", _OBJECT_FIELDS)
-        name, link = entry.get("id"), carried.get("link_name")
-        for value, field in ((name, "object.id"), (link, "link_name")):
-            if not isinstance(value, str) or not value:
-                raise ContentError(f"has {value!r} as {field} of {place}", "it must be a name", "add it")
-        if _OPERATIONS.get(operation := _parse_operation(entry)) != _ADD:
-            problem = f"has the operation {operation!r} at attached object {name!r}"
-            raise ContentError(problem, "it must be add (0)", "write the scene as it is")
+        name = _parse_id(entry.get("id"), f"object.id of {place}")
+        link = parse_name(carried.get("link_name"), f"link_name of {place}")
         place = f"attached object {name!r}"
-        has_frame = check_table(entry.get("header"), f"the header of {place}").get("frame_id")
-        frame = parse_frame(entry, place) if has_frame else str(link)
+        if _parse_operation(entry, place) != _ADD:
+            problem = f"has the operation {entry['operation']!r} at {place}"
+            raise ContentError(problem, "it must be add (0)", "write the scene as it is")
+        if not check_table(entry.get("header"), f"the header of {place}").get("frame_id"):
+            rule = "MoveIt and robowflex would take the frame of the world"
+            raise ContentError(f"has no header.frame_id at {place}", rule, f"add it, e.g. {link}")
+        if entry.get("planes"):
+            raise ContentError(f"has a plane at {place}", "a plane has no end", "attach a box")
         touch_links = parse_names(carried.get("touch_links"), f"touch_links of {place}")
-        return AttachedShapes(str(name), str(link), touch_links, frame, self._read_parts(entry, place))
+        parts = cast(list[tuple[Shape, Floats]], self._read_parts(entry, name, place))
+        named = [(part, *each) for part, each in zip(_name_parts(name, len(parts)), parts, strict=True)]
+        return AttachedShapes(name, link, touch_links, parse_frame(entry, place), named)
 
-    def _read_parts(self, entry: Mapping[str, Any], place: str) -> list[tuple[Shape, Floats]]:
+    def _read_parts(self, entry: Mapping[str, Any], name: str, place: str) -> list[tuple[Shape | _Plane, Floats]]:
         """Return the shapes of an object, at least one, with their poses."""
+        subframes = parse_names(entry.get("subframe_names"), f"subframe_names of {place}")
+        poses = check_list(entry.get("subframe_poses"), f"subframe_poses of {place}")
+        if len(subframes) != len(poses):
+            problem = f"has {len(subframes)} subframe_names but {len(poses)} subframe_poses at {place}"
+            raise ContentError(problem, "each needs a pose", "add or remove some")
+        self.frames |= {name: name} | {f"{name}/{subframe}": name for subframe in subframes}
         parts = list(self._read_shapes(entry, place))
         if not parts:
             rule = "it must have primitives, meshes or planes"
             raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
         return parts
 
-    def _read_shapes(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
+    def _read_shapes(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape | _Plane, Floats]]:
         """Yield the shapes of an object, with their poses."""
         whole = parse_pose(entry.get("pose"), f"the pose of {place}")
-        makers: dict[str, Callable[[Any, str, Floats], tuple[Shape, Floats]]]
+        makers: dict[str, Callable[[Any, str], Shape | _Plane]]
         makers = {"primitives": self._read_primitive, "meshes": self._read_mesh, "planes": self._read_plane}
         for name, poses_name in _POSE_LISTS.items():
             items = check_list(entry.get(name), f"{name} of {place}")
@@ -427,16 +506,21 @@ class _Reader:
                     raise ContentError(problem, "the rest is not read", "split the scene")
                 here = f"{name}[{number}] of {place}"
                 pose = parse_pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
-                yield makers[name](item, here, whole @ pose)
+                yield makers[name](item, here), whole @ pose
 
-    def _read_primitive(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
-        """Return a primitive as a shape, with its pose."""
+    def _read_primitive(self, item: Any, place: str) -> Shape:
+        """Return a primitive as a shape."""
         kind, sizes = parse_primitive(item, place)
-        return _PRIMITIVES[kind][2](*sizes), pose
+        return _PRIMITIVES[kind][2](*sizes)
 
-    def _read_mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
-        """Return a mesh as a shape, with its pose."""
+    def _read_mesh(self, item: Any, place: str) -> Shape:
+        """Return a mesh as a shape."""
         table = check_table(item, place, ("triangles", "vertices", "resource", "dimensions"))
+        if table.get("resource") and (table.get("vertices") or table.get("triangles")):
+            raise ContentError(f"has a resource and vertices at {place}", "a mesh has one of them", "remove one")
+        if table.get("dimensions") is not None and not table.get("resource"):
+            rule = "they scale the mesh of a file"
+            raise ContentError(f"has dimensions without resource at {place}", rule, "remove them")
         if table.get("resource"):
             name = str(table["resource"])
             if name not in self._meshes:
@@ -463,25 +547,21 @@ class _Reader:
             faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
         self._bytes += surface_bytes(len(vertices), len(faces))
         check_file_memory(self._path, "holds meshes", self._bytes)
-        return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}"), pose
+        return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}")
 
-    def _read_plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
-        """Return a plane as a shape, cut to a ball."""
-        if self._plane_ball is None:
+    def _read_plane(self, item: Any, place: str) -> _Plane:
+        """Return a plane in its own frame."""
+        if not self._has_ball:
             hint = "pass bounds for a workspace, or plane_radius for an arm"
             raise ContentError(f"has a plane, {place}", "a plane has no end, but an obstacle needs one", hint)
-        *normal, offset = parse_numbers(check_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
-        length = float(np.linalg.norm(normal))
-        if not length > 0.0:
-            problem = f"has the coef {[*normal, offset]} at {place}"
+        coefficients = parse_numbers(check_table(item, place, ("coef",)).get("coef"), 4, f"coef of {place}")
+        largest = float(np.abs(coefficients[:3]).max())
+        if not largest > 0.0:
+            problem = f"has the coef {coefficients.tolist()} at {place}"
             raise ContentError(problem, "a, b and c may not all be zero", "correct it")
-        direction = pose[:3, :3] @ np.divide(normal, length)
-        center, radius = self._plane_ball
-        # In its own frame, the plane holds the points x with normal . x + offset = 0.
-        foot = center - direction * (direction @ (center - pose[:3, 3]) + offset / length)
-        across = np.linalg.svd(direction[np.newaxis])[2][1:]
-        corners = foot + radius * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) @ across
-        return Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)]), "surface", place), np.eye(4)
+        normal, offset = coefficients[:3] / largest, float(coefficients[3]) / largest  # squares must not underflow
+        length = float(np.linalg.norm(normal))
+        return _Plane(normal / length, offset / length)
 
 
 def _make_bounded_shape(make: Callable[[float, float], BoundsPair], height: float, radius: float) -> Shape:
@@ -508,6 +588,8 @@ def parse_primitive(item: Any, place: str) -> tuple[str, list[float]]:
     Raises ContentError if it is no box, sphere, cylinder or cone, or a dimension is missing or not above zero.
     """
     table = check_table(item, place, ("type", "dimensions", "polygon"))
+    if check_table(table.get("polygon"), f"polygon of {place}", ("points",)).get("points"):
+        raise ContentError(f"has a polygon at {place}", "only prisms have one, and they are not read", "remove it")
     kind = table.get("type")
     kind = kind.lower() if isinstance(kind, str) else kind
     if isinstance(kind, bool) or not isinstance(kind, str | int) or kind not in _PRIMITIVES:
@@ -544,10 +626,21 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     return Mesh(*transform_surface(shape.surface, pose))
 
 
-def _parse_operation(entry: Mapping[str, Any]) -> Any:
-    """Return the operation of an object, with words in lower case."""
-    operation = entry.get("operation") or _ADD
-    return operation.lower() if isinstance(operation, str) else operation
+def _parse_id(value: Any, place: str) -> str:
+    """Return the id of an object; robowflex writes the id "7" without quotes."""
+    return str(value) if type(value) is int else parse_name(value, place)
+
+
+_OPERATION_RULE: Final = "it must be add, append or remove (0, 2 or 1)"
+
+
+def _parse_operation(entry: Mapping[str, Any], place: str) -> int:
+    """Return the operation of an object."""
+    given = entry.get("operation")
+    operation = _ADD if given in (None, "") else given.lower() if isinstance(given, str) else given
+    if type(operation) not in (int, str) or operation not in _OPERATIONS:
+        raise ContentError(f"has the operation {given!r} at {place}", _OPERATION_RULE, "write the scene as it is")
+    return _OPERATIONS[operation]
 
 
 def _list_robot_parts(scene: SceneContent) -> list[str]:

@@ -76,6 +76,9 @@ def make_object(name: str, position: Any = (0, 0, 0), side: float = 0.2, **more:
     return {"id": name, "primitives": [{"type": "box", "dimensions": [side] * 3}], "primitive_poses": [pose], **more}
 
 
+ON_TOOL = {"header": {"frame_id": "tool"}}
+
+
 def write_scene(folder: Path, *objects: dict[str, Any], **more: Any) -> Path:
     path = folder / "scene.yaml"
     path.write_text(json.dumps({"world": {"collision_objects": list(objects)}, **more}))
@@ -161,8 +164,8 @@ def test_frames_of_the_arm_place_the_obstacles(tmp_path: Path) -> None:
         build_arm_space(moving, arm)
 
 
-@pytest.mark.parametrize("frame", [None, "left", "upper", "world", "map"])
-def test_attached_objects_are_carried(tmp_path: Path, frame: str | None) -> None:
+@pytest.mark.parametrize("frame", ["tool", "left", "upper", "world", "map"])
+def test_attached_objects_are_carried(tmp_path: Path, frame: str) -> None:
     """Let the state give the place of an object whose frame is not that of its link."""
     arm, post = read_arm(tmp_path), make_object("post", (1.2, 1.2, 0.75), 0.3)
     shift = np.eye(4)
@@ -172,7 +175,7 @@ def test_attached_objects_are_carried(tmp_path: Path, frame: str | None) -> None
         motion = {"translation": [0, -5, 0], "rotation": [0, 0, 0, 1]}
         transforms = [{"header": {"frame_id": "map"}, "child_frame_id": "world", "transform": motion}]
     at = {"left": (1.2, 0.0, 0.0), "upper": (1.5, -0.2, 0.0), "world": (1.6, 0.9, 0.75), "map": (1.6, 5.9, 0.75)}
-    held = make_object("mug", at.get(str(frame), (0.2, 0, 0)), header={"frame_id": frame or ""})
+    held = make_object("mug", at.get(frame, (0.2, 0, 0)), header={"frame_id": frame})
     carried = {"link_name": "tool", "object": held, "touch_links": ["left", "right", "fore", "camera"]}
     state = joint_state(STATE) | {"attached_collision_objects": [carried]}
     path = write_scene(tmp_path, post, robot_state=state, fixed_frame_transforms=transforms)
@@ -181,7 +184,7 @@ def test_attached_objects_are_carried(tmp_path: Path, frame: str | None) -> None
     space = build_arm_space(scene, arm)
     urdf = yourdfpy.URDF.load(str(tmp_path / "arm.urdf"), load_meshes=False)
     urdf.update_cfg({name: STATE[name] for name in urdf.actuated_joint_names})
-    on_base = np.eye(4) if frame in ("world", "map") else urdf.get_transform(frame or "tool")
+    on_base = np.eye(4) if frame in ("world", "map") else urdf.get_transform(frame)
     point = on_base @ [*held["primitive_poses"][0]["position"], 1.0] - [0, 5 if frame == "map" else 0, 0, 0]
     np.testing.assert_allclose(space.arm.pose((0.5, -0.5), "mug")[:3, 3], point[:3], atol=1e-12)
     on_tool = np.linalg.solve(arm.pose((0.5, -0.5), "tool"), space.arm.pose((0.5, -0.5), "mug"))
@@ -191,7 +194,7 @@ def test_attached_objects_are_carried(tmp_path: Path, frame: str | None) -> None
 
 
 def test_a_scene_without_a_world_may_carry_objects(tmp_path: Path) -> None:
-    two = make_object("mug", (0.3, 0, 0))
+    two = make_object("mug", (0.3, 0, 0), **ON_TOOL)
     two["primitives"], two["primitive_poses"] = two["primitives"] * 2, two["primitive_poses"] * 2
     state = {"attached_collision_objects": [{"link_name": "tool", "object": two}]}
     path = tmp_path / "scene.yaml"
@@ -258,6 +261,104 @@ def test_padding_of_links_keeps_obstacles_away(tmp_path: Path) -> None:
         build_arm_space(lost, arm)
 
 
+TWO = {"primitives": [{"type": "box", "dimensions": [0.1] * 3}] * 2, "primitive_poses": [{}, {}]}
+"""Two shapes in place of those of an object."""
+
+
+def carry(link: str, *objects: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """Make a state of the robot with attached objects."""
+    return {"attached_collision_objects": [{"link_name": link, "object": each, **more} for each in objects]}
+
+
+def test_padding_of_a_link_pads_what_it_carries(tmp_path: Path) -> None:
+    """MoveIt's ``getAttachedBodyObjects`` pads by the link; the tool has no geometry."""
+    arm, padding = read_arm(tmp_path), [{"link_name": "tool", "padding": 0.1}, {"link_name": "fore", "padding": 0.02}]
+    mugs = make_object("mug", (0.2, 0, 0), **ON_TOOL), make_object("cup", (0.5, 0, 0), **ON_TOOL)
+    path = write_scene(tmp_path, make_object("box", (0, 2.5, 0.75)), robot_state=carry("tool", *mugs))
+    bare = build_arm_space(read_moveit_scene(path), arm)
+    path = write_scene(
+        tmp_path, make_object("box", (0, 2.5, 0.75)), robot_state=carry("tool", *mugs), link_padding=padding
+    )
+    space = build_arm_space(read_moveit_scene(path), arm)
+    assert space.padding == {"mug": 0.1, "cup": 0.1, "fore": 0.02}
+    near = (0.5 * math.pi - 0.12, 0.0)  # the cup passes the box at less than 0.1 m
+    assert bare.is_free(near) and not space.is_free(near)
+    held = arm.attach("old", Robot.ball(0.1).shape, "tool")
+    kept = build_arm_space(read_moveit_scene(path), held, padding={"cup": 0})
+    assert kept.padding == {"mug": 0.1, "cup": 0.0, "old": 0.1, "fore": 0.02}
+    lost = write_scene(tmp_path, make_object("box"), link_padding=[{"link_name": "old", "padding": 0.1}])
+    with pytest.raises(InputError, match="link_padding names 'old'"):
+        build_arm_space(read_moveit_scene(lost), held)
+
+
+def test_planes_end_beyond_the_reach_of_the_arm(tmp_path: Path) -> None:
+    """Place the arm far from the origin of the scene, whose plane ends there."""
+    arm, far = read_arm(tmp_path), np.eye(4)
+    far[:3, 3] = 10.0, 0.0, -0.5
+    wall = {"id": "wall", "planes": [{"coef": [0, 1, 0, -1.5]}], "header": {"frame_id": "hall"}}
+    path = write_scene(tmp_path, wall)
+    near = build_arm_space(read_moveit_scene(path, plane_radius=4.0), arm, base_pose=np.eye(4))
+    again = build_arm_space(read_moveit_scene(path, plane_radius=14.0), arm, base_pose=far)
+    assert not near.is_free((1.5, 0.0)) and not again.is_free((1.5, 0.0)) and near.is_free((0.0, 0.0))
+    with pytest.raises(
+        InputError, match=r"plane_radius is 4; the arm reaches 12.8[0-9]+ m from the origin of the scene"
+    ):
+        build_arm_space(read_moveit_scene(path, plane_radius=4.0), arm, base_pose=far)
+    with pytest.raises(InputError, match="plane_radius is 2; the arm reaches"):
+        build_arm_space(read_moveit_scene(path, plane_radius=2.0), arm, base_pose=np.eye(4))
+
+
+@refusals(
+    "objects, state, message",
+    ([make_object("tool")], {}, "has the object 'tool'; the arm has a frame of that name; rename the object"),
+    ([make_object("fore")], {}, "has the object 'fore'; the arm has a frame of that name"),
+    ([], carry("tool", make_object("left", **ON_TOOL)), "has the object 'left'; the arm has a frame"),
+    ([make_object("box")], carry("hand", make_object("mug", **ON_TOOL)), "link_name of 'mug' is 'hand'"),
+    ([make_object("box")], carry("old", make_object("mug", **ON_TOOL)), "link_name of 'mug' is 'old'"),
+    ([make_object("box")], joint_state(STATE | {"lift": 0.5}), "has lift at 0.5; the arm holds it at 0.25; pass held_"),
+)
+def test_scenes_of_another_arm_are_refused(
+    tmp_path: Path, objects: list[Any], state: dict[str, Any], message: str
+) -> None:
+    scene = read_moveit_scene(write_scene(tmp_path, *objects, robot_state=state))
+    with pytest.raises(InputError, match=message):
+        build_arm_space(scene, read_arm(tmp_path).attach("old", Robot.ball(0.1).shape, "tool"))
+
+
+def test_a_transform_of_a_frame_of_the_arm_must_agree_with_it(tmp_path: Path) -> None:
+    """MoveIt takes the frames of links from the robot, not from the transforms."""
+    arm = read_arm(tmp_path)
+    for frame, height, ends in (
+        ("stand", 0.75, None),
+        ("stand", 0.5, "the frame 'stand'"),
+        ("fore", 0.5, "fore"),
+    ):
+        motion = {"translation": [0, 0, height], "rotation": [0, 0, 0, 1]}
+        transforms = [{"header": {"frame_id": frame}, "child_frame_id": "world", "transform": motion}]
+        box = make_object("box", (1.5, 0.3, 0), header={"frame_id": frame})
+        scene = read_moveit_scene(write_scene(tmp_path, box, fixed_frame_transforms=transforms))
+        if ends is None:
+            expected = build_arm_space({"box": posed_box((0.2, 0.2, 0.2), 1.5, 0.3, 0.75)}, arm)
+            assert count_equal(build_arm_space(scene, arm), expected) > 1
+        else:
+            with pytest.raises(InputError, match=f"{ends}.*the arm has it elsewhere"):
+                build_arm_space(scene, arm)
+
+
+def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) -> None:
+    bar = link("bar", BAR)
+    path = write_urdf(
+        tmp_path,
+        *(link("world"), link("base"), bar),
+        joint("mount", "world", "base", at=(0, 0, 1), kind="fixed"),
+        joint("turn", "base", "bar"),
+    )
+    scene = read_moveit_scene(write_scene(tmp_path, make_object("box", (0.5, 0, 1))))
+    assert not build_arm_space(scene, Arm.from_urdf(path)).is_free((0.0,))
+    with pytest.raises(InputError, match="in the frame 'world'; the arm has no such frame; its base is 'base'"):
+        build_arm_space(scene, Arm.from_urdf(path, base="base"))
+
+
 @refusals(
     "more, message",
     ({"link_scale": [{"link_name": "fore", "scale": 1.1}]}, "scales fore; links keep their size; remove link_scale"),
@@ -276,7 +377,7 @@ def test_padding_of_links_keeps_obstacles_away(tmp_path: Path) -> None:
         "moves the robot by transform 0 of multi_dof_joint_state of robot_state; an arm's base is fixed",
     ),
     (
-        {"robot_state": {"attached_collision_objects": [{"link_name": "tool", "object": {"id": "mug"}}]}},
+        {"robot_state": {"attached_collision_objects": [{"link_name": "tool", "object": {"id": "mug", **ON_TOOL}}]}},
         "has no shape at attached object 'mug'",
     ),
     (
@@ -288,9 +389,56 @@ def test_padding_of_links_keeps_obstacles_away(tmp_path: Path) -> None:
         "has the operation 1 at attached object 'b'",
     ),
     (
-        {"robot_state": {"attached_collision_objects": [{"link_name": "a", "object": make_object("b")}] * 2}},
+        {"robot_state": carry("a", make_object("b", **ON_TOOL), make_object("b", **ON_TOOL))},
         "has 'b' twice in attached_collision_objects",
     ),
+    (
+        {"robot_state": carry("a", make_object("b", operation=True, **ON_TOOL))},
+        "has the operation True at attached object 'b'",
+    ),
+    (
+        {"robot_state": carry("a", make_object("b"))},
+        "has no header.frame_id at attached object 'b'; MoveIt and robowflex would take the frame of the world",
+    ),
+    (
+        {"robot_state": carry("a", make_object("h", **ON_TOOL) | TWO, make_object("h/0", **ON_TOOL))},
+        "has the shape 'h/0' of object 'h' and of object 'h/0'; names of shapes must differ",
+    ),
+    (
+        {"robot_state": carry("a", make_object("box", **ON_TOOL) | TWO)},
+        "has the object 'box' in the world and attached; MoveIt would keep one; rename or remove one",
+    ),
+    (
+        {"robot_state": carry("a", {"id": "b", "planes": [{"coef": [0, 0, 1, 0]}], **ON_TOOL})},
+        "has a plane at attached object 'b'; a plane has no end; attach a box",
+    ),
+    (
+        {"robot_state": carry("a", make_object("b", header={"frame_id": "box"}))},
+        "has poses in the frame 'box', which is of object 'box'; MoveIt places them by that object",
+    ),
+    ({"robot_state": {"is_diff": True}}, "has is_diff: true at robot_state; it only changes another state"),
+    ({"robot_state": {"is_diff": "yes please"}}, "as is_diff of robot_state; it must be true or false"),
+    (
+        {"robot_state": {"multi_dof_joint_state": {"joint_names": ["world_joint"], "transforms": []}}},
+        "has 1 joint_names but 0 transforms at multi_dof_joint_state of robot_state",
+    ),
+    (
+        {
+            "robot_state": {
+                "multi_dof_joint_state": {
+                    "header": {"frame_id": "map"},
+                    "joint_names": ["world_joint"],
+                    "transforms": [{"translation": [0, 0, 0]}],
+                }
+            },
+            "fixed_frame_transforms": [
+                {"header": {"frame_id": "map"}, "child_frame_id": "world", "transform": {"translation": [0, 0, 1]}}
+            ],
+        },
+        "has multi_dof_joint_state of robot_state in the frame 'map', which fixed_frame_transforms move",
+    ),
+    ({"link_padding": [{"link_name": 5, "padding": 1}]}, r"has '5' as link_name of link_padding\[0\]"),
+    ({"link_padding": [{"padding": 1}]}, r"has None as link_name of link_padding\[0\]; it must be a name"),
     ({"allowed_collision_matrix": {"entry_names": ["a"]}}, "has 0 rows but 1 names in allowed_collision_matrix"),
     (
         {"allowed_collision_matrix": {"entry_names": ["a", "b"], "entry_values": [[True, True], [False, True]]}},

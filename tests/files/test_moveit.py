@@ -1,6 +1,7 @@
 """Planning scenes of MoveIt and MotionBenchMaker."""
 
 import json
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -24,7 +24,7 @@ BOUNDS = (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0)
 
 def write_scene(folder: Path, *objects: dict[str, Any], **more: Any) -> Path:
     path = folder / "scene.yaml"
-    path.write_text(yaml.safe_dump({"name": "test", "world": {"collision_objects": list(objects)}, **more}))
+    path.write_text(json.dumps({"name": "test", "world": {"collision_objects": list(objects)}, **more}))
     return path
 
 
@@ -155,12 +155,51 @@ def test_operations_add_append_and_remove_shapes(tmp_path):
         "primitive_poses": [make_pose((0, 0, 0.7)), make_pose((0, 0, 0.35))],
     }
     old, gone = make_primitive("box", (1, 1, 1), name="cup"), make_primitive("sphere", (1,), name="gone")
-    more = make_primitive("sphere", (0.1,), make_pose((0, 0, 2)), "cup", operation="append")
+    more = make_primitive("sphere", (0.1,), make_pose((0, 0, 2)), "cap", operation="append")
     new = make_primitive("sphere", (0.2,), name="cup")
     scene = write_scene(tmp_path, table, old, gone, new, more, {"id": "gone", "operation": 1})
     read = read_moveit_scene(scene).obstacles
-    assert list(read) == ["table/0", "table/1", "cup/0", "cup/1"]
-    assert read["cup/0"].shape.outer.bounds[1][0] == 0.2 and read["cup/1"].pose[2, 3] == 2.0
+    assert list(read) == ["table/0", "table/1", "cup", "cap"]
+    assert read["cup"].shape.outer.bounds[1][0] == 0.2 and read["cap"].pose[2, 3] == 2.0
+
+
+@refusals(
+    "ids, expected",
+    (["a", "a/0"], "has the shape 'a/0' of object 'a' and of object 'a/0'; names of shapes must differ; rename one"),
+    (["a/1", "a"], "has the shape 'a/1' of object 'a/1' and of object 'a'"),
+    (["a", "a/0", "a/0/1"], "has the shape 'a/0' of object 'a' and of object 'a/0'"),
+    ([5, "5"], "has the id '5' again at collision_objects.1., once as a number; ids are text; put them in quotes"),
+    ([5, 5], "has the id '5' again"),
+    ([True, "a"], r"has 'True' as id of collision_objects\[0\]; it must be a name"),
+    ([1.5, "a"], r"has '1.5' as id of collision_objects\[0\]"),
+    (["a", None], r"has None as id of collision_objects\[1\]; it must be a name; add it"),
+    (["object 1", ""], r"has '' as id of collision_objects\[1\]"),
+)
+def test_names_that_hide_an_obstacle_are_refused(tmp_path, ids, expected):
+    """Give the objects without a slash two shapes."""
+    objects = [make_primitive("box", (1, 1, 1), make_pose((3 * n, 0, 0)), name) for n, name in enumerate(ids)]
+    for each in objects:
+        if "/" not in str(each["id"]):
+            each["primitives"], each["primitive_poses"] = each["primitives"] * 2, each["primitive_poses"] * 2
+    path = write_scene(tmp_path, *objects)
+    for read in (read_moveit_scene, lambda path: Workspace.from_moveit_scene(path, 0.1, BOUNDS)):
+        with pytest.raises(FileError, match=expected) as caught:
+            read(path)
+        assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+
+
+def test_later_objects_of_an_id_replace_earlier_ones_with_all_their_shapes(tmp_path):
+    """MoveIt's ``processCollisionObjectAdd`` removes the old object first."""
+    two = make_primitive("box", (1, 1, 1), name="a")
+    two["primitives"], two["primitive_poses"] = two["primitives"] * 2, two["primitive_poses"] * 2
+    one, part = make_primitive("box", (1, 1, 2), name="a"), make_primitive("box", (1, 1, 3), name="a/0")
+    read = read_moveit_scene(write_scene(tmp_path, two, one, part)).obstacles
+    assert {name: each.shape.outer.bounds[1][2] for name, each in read.items()} == {"a": 1.0, "a/0": 1.5}
+
+
+def test_numbers_without_quotes_are_ids(tmp_path):
+    """robowflex writes the id "7" without quotes."""
+    assert list(read_moveit_scene(write_scene(tmp_path, make_primitive("box", (1, 1, 1), name=7))).obstacles) == ["7"]
 
 
 def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
@@ -239,10 +278,42 @@ def test_frames_are_joined_by_their_transforms(tmp_path):
     two = [write_transform("table", "room", (0, 0, height)) for height in (2, 3)]
     with pytest.raises(FileError, match="has two transforms of the frame 'table'"):
         read_moveit_scene(write_scene(tmp_path, objects[1], fixed_frame_transforms=two))
+    for transform, message in (
+        (write_transform("world", "world", (0, 0, 1)), "moves the frame 'world' against itself"),
+        (write_transform("table", "world", (0, 0, 1), (0, 0, 0, 2)), "as rotation of fixed_frame_transforms"),
+    ):
+        with pytest.raises(FileError, match=message):
+            read_moveit_scene(write_scene(tmp_path, objects[1], fixed_frame_transforms=[transform]))
+
+
+TILTED = Rotation.from_euler("xyz", (0.4, -0.7, 1.1))
+
+
+@pytest.mark.parametrize("coef", [[0, 0, 1, 0], [1, 2, -3, 0.5], [1e-170, 0, 1e-170, 0], [3e99, 0, 1e99, 1e99]])
+def test_planes_reach_around_the_scene_from_any_frame(tmp_path, coef):
+    """The frame of the header and the pose lead far away; compare with all cells that the plane crosses."""
+    motion = write_transform("camera", "world", (40, -30, 20), TILTED.as_quat())
+    back = TILTED.inv().apply(np.array((0.1, 0.2, -0.1)) - (40, -30, 20))  # near the origin of the world
+    ground = {"id": "ground", "planes": [{"coef": coef}], "plane_poses": [make_pose(back, TILTED.as_quat())]}
+    path = write_scene(tmp_path, ground | {"header": {"frame_id": "camera"}}, fixed_frame_transforms=[motion])
+    numbers = np.array(coef) / np.abs(coef).max()
+    normal = (TILTED * TILTED).apply(numbers[:3] / np.linalg.norm(numbers[:3]))
+    offset = numbers[3] / np.linalg.norm(numbers[:3]) - normal @ (0.1, 0.2, -0.1)
+    for bounds, spacing in (((-1, -1, -1, 1, 1, 1), 0.1), ((-0.1, -0.1, -0.1, 0.1, 0.1, 0.1), 1.0)):
+        workspace = Workspace.from_moveit_scene(path, spacing, bounds)
+        centers = np.indices(workspace.outer.shape).reshape(3, -1).T * spacing + workspace.grid.lower + spacing / 2
+        crossed = np.abs(centers @ normal + offset) < np.abs(normal).sum() * spacing / 2 - 1e-9
+        assert crossed.any() and workspace.outer.reshape(-1)[crossed].all()
+    placed = read_moveit_scene(path, plane_radius=3.0).obstacles["ground"]
+    corners = placed.transform(placed.shape.vertices)
+    np.testing.assert_allclose(corners @ normal, -offset, atol=1e-12)
+    foot = -offset * normal
+    np.testing.assert_allclose(corners.mean(axis=0), foot, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(corners - foot, axis=1), 3.0 * np.sqrt(2.0))
 
 
 def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path):
-    mug = make_primitive("sphere", (0.1,), name="mug")
+    mug = make_primitive("sphere", (0.1,), name="mug", header={"frame_id": "hand"})
     attached = {"attached_collision_objects": [{"link_name": "hand", "object": mug}]}
     padding = [{"link_name": "hand", "padding": 0.01}]
     path = write_scene(tmp_path, make_primitive("sphere", (1,)), robot_state=attached, link_padding=padding)
@@ -278,6 +349,37 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
     ([{"id": "a"}], "has no shape at object 'a'"),
     ([], "holds no shape"),
     ([make_primitive("box", [1, 1, 1], operation="move")], "has the operation 'move' at object 'thing'"),
+    *(
+        (
+            [make_primitive("box", [1, 1, 1], operation=value)],
+            f"has the operation {re.escape(repr(value))} at obj",
+        )
+        for value in (True, False, 1.0, "?", 9, [0])
+    ),
+    (
+        [make_primitive("box", [1, 1, 1]), make_primitive("box", [1, 1, 2], operation="append")],
+        "appends to object 'thing'; versions of MoveIt differ in the pose; write all its shapes in one object",
+    ),
+    ([make_primitive("box", [1, 1, 1], subframe_names=["a"])], "has 1 subframe_names but 0 subframe_poses at object"),
+    (
+        [make_primitive("box", [1, 1, 1]), make_primitive("box", [1, 1, 1], name="b", header={"frame_id": "thing"})],
+        "has poses in the frame 'thing', which is of object 'thing'; MoveIt places them by that object",
+    ),
+    (
+        [
+            make_primitive("box", [1, 1, 1], subframe_names=["top"], subframe_poses=[make_pose()]),
+            make_primitive("box", [1, 1, 1], name="b", header={"frame_id": "/thing/top"}),
+        ],
+        "has poses in the frame 'thing/top', which is of object 'thing'",
+    ),
+    ([{"id": "a", "primitives": [BOX | {"polygon": {"points": [[0, 0]]}}]}], "has a polygon at primitives"),
+    ([{"id": "a", "planes": [{"coef": [0, 0, 1, 0], "d": 1}]}], "has the unknown field 'd' at planes"),
+    (
+        [{"id": "a", "meshes": [{"resource": "x.stl", "vertices": [[0, 0, 0]]}]}],
+        "has a resource and vertices at meshes",
+    ),
+    ([{"id": "a", "meshes": [{"vertices": [], "dimensions": [1, 1, 1]}]}], "has dimensions without resource at meshes"),
+    ([make_primitive("box", [1, 1, 1], make_pose((2e7, 0, 0)))], r"has a position beyond 1e\+07 m at primitive_poses"),
     ([{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}], "of its 1 vertices at meshes"),
     ([{"id": "a", "meshes": [{"vertices": [], "triangles": []}]}], "has no triangles"),
     ([{"id": "a", "meshes": [{"resource": "package://none/x.stl"}]}], "does not exist"),
@@ -309,6 +411,10 @@ def test_a_scene_with_more_shapes_than_the_limit_is_refused(tmp_path, monkeypatc
     ("[1, 2]", "it must be a table"),
     ("(noname)\n* Box\n", "has no world.collision_objects|it must be a table|cannot be read"),
     ("world: {collision_objects: [], octomap: {octomap: {data: [1]}}}", r"holds an OctoMap; .* Workspace.from_octomap"),
+    ("world: {collision_objects: [], octomap: {data: [1]}}", "has the unknown field 'data' at octomap"),
+    ("world: {collision_objects: [], octomap: {octomap: {cells: [1]}}}", "has the unknown field 'cells' at octomap"),
+    ("{world: {collision_objects: []}, is_diff: true}", "has is_diff: true; it only changes another scene; write the"),
+    ("{world: {collision_objects: []}, is_diff: 1}", "has 1 as is_diff; it must be true or false"),
     ("world: {objects: []}", "has the unknown field 'objects' at world; the fields are collision_objects, octomap"),
     ("{world: {collision_objects: []}, worlds: []}", "has the unknown field 'worlds' at the scene"),
     ("world: {collision_objects: 3}", "has '3' as collision_objects; it must be a list"),
