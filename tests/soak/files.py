@@ -146,7 +146,8 @@ def _write_scene() -> str:
         "planes": [{"coef": [0, 0, 1, 0.5]}],
         "plane_poses": [pose],
     }
-    mug = {"id": "mug", "primitives": [{"type": 2, "dimensions": [0.1]}], "primitive_poses": [pose]}
+    ball = {"type": 2, "dimensions": [0.1]}
+    mug = {"id": "mug", "header": {"frame_id": "tool"}, "primitives": [ball], "primitive_poses": [pose]}
     link = {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}
     scene = {
         "world": {"collision_objects": [one]},
