@@ -213,6 +213,15 @@ def point_triangle(p: Row, triangle: Floats) -> float:
 
 
 @kernel
+def box_distance(box: Floats, p: Row) -> float:
+    """Return the distance of a point from a box, given by its center and half sides."""
+    dx = max(abs(p[0] - box[0]) - box[3], 0.0)
+    dy = max(abs(p[1] - box[1]) - box[4], 0.0)
+    dz = max(abs(p[2] - box[2]) - box[5], 0.0)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
 def normal_of(triangle: Floats) -> Row:
     """Return a normal of a triangle.
 

@@ -38,7 +38,7 @@ from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR
 from cspace.exact.triangles import build_boxes, read_box
 from cspace.grid import SLACK
-from cspace.kernels import THIN, apply_pose, dot, minus, point_triangle, rotate, rotate_back, row_at
+from cspace.kernels import THIN, apply_pose, box_distance, dot, minus, point_triangle, rotate, rotate_back, row_at
 from cspace.raster.surfaces import signed_crossing
 
 MAX_PENDING_BLOCKS: Final = 128
@@ -584,16 +584,6 @@ def nearest_triangle(
         nodes[top, 0], nodes[top + 1, 0] = first, second  # the nearer child comes first
         top += 2
     return nearest
-
-
-@kernel
-def box_distance(box: Floats, point: Row) -> float:
-    """Return the distance of a point from a box, given by its center and half sides."""
-    x, y, z = point
-    dx = max(abs(x - box[0]) - box[3], 0.0)
-    dy = max(abs(y - box[1]) - box[4], 0.0)
-    dz = max(abs(z - box[2]) - box[5], 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @kernel

@@ -27,73 +27,35 @@ Radial = Callable[[Floats], Floats]
 MIN_TOLERANCE: Final = 1e-13
 """Smallest tolerance of a table, relative to the largest value, because of rounding."""
 
-
-MAX_TOLERANCE: Final = 0.1
-"""Largest tolerance of a table, relative to the largest value."""
-
-
 UNIT_BALL_VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 """Area of the unit disc and volume of the unit ball, by dimension."""
 
-
-MIN_ALPHA: Final = 0.01
-"""Smallest exponent of a bump."""
-
-MAX_ALPHA: Final = 1e4
-"""Largest finite exponent of a bump."""
-
+ALPHA_RANGE: Final = (0.01, 1e4)
+"""Smallest and largest finite exponent of a bump."""
 
 MAX_RADIAL_FREQUENCY: Final = 1e5
 """Largest frequency of a spectrum, cycles per radius; up to it, rounded phases are accurate to 1e-10 radians."""
 
-
 PAIR_TOLERANCE: Final = 1e-9
 """Relative error of the integral of the product of two bumps."""
 
-
 PAIR_FLOOR: Final = 1e-60
-"""Absolute error of the integral of the product of two bumps, relative to ``radius^dim`` of the smaller ball.
-
-Smaller integrals depend on the last bits of the radii.
-"""
-
+"""Absolute error of such an integral, relative to ``radius^dim`` of the smaller ball: the radii round as much."""
 
 BATCH_RULE_SIZES: Final = (26, 32)
 """Node counts of two quadrature rules; their difference bounds the error of the finer rule."""
 
-
 SAFETY_FACTOR: Final = 4.0
 """Factor by which measured errors are enlarged before proofs use them."""
-
-MAX_SINGLE_PAIRS: Final = 8
-"""Number of pairs up to which each pair is integrated individually, to ``PAIR_TOLERANCE``."""
-
-PAIR_RULE_SIZES: Final = (48, 96, 192, 384)
-"""Node counts tried for the integral of a product, until two successive rules agree."""
 
 MAX_ABSCISSA: Final = 3.3
 """Largest modulus of u in a sum; nodes beyond it lie within 1e-18 of the ends of the interval."""
 
-
 MIN_TRANSFORM_NODES: Final = 160
-"""Nodes on either side of u = 0 for frequency 0; two thirds of them leave errors of 1e-14 for alpha from 0.01 to 1e4.
-"""
-
-
-KERNEL_VALUES_PER_CHUNK: Final = 2**21
-"""Number of values of the transform kernel that are held in memory at once."""
-
-PRODUCT_VALUES_PER_CHUNK: Final = 2**14
-"""Number of values of a product that are held at once, so that they fit into the cache."""
+"""Nodes on either side of u = 0 for frequency 0; two thirds leave errors of 1e-14 for all alpha."""
 
 TABLE_HALF_WIDTH: Final = 0.5
 """Half the width of a table interval, cycles per radius."""
-
-MAX_SERIES_ANGLE: Final = 0.25
-"""Angle, radians, up to which the series of ``x - sin(x)`` is more accurate than the difference."""
-
-FREQUENCY_SLACK: Final = 1e-9
-"""Relative rounding error by which a frequency may lie above its table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,27 +84,23 @@ class Bump:
             alpha = float(self.alpha)
         except (TypeError, ValueError):
             alpha = math.nan
-        if not (MIN_ALPHA <= alpha <= MAX_ALPHA or alpha == math.inf):
-            rule = f"it must be one number from {MIN_ALPHA:g} to {MAX_ALPHA:g}, or infinite"
+        low, high = ALPHA_RANGE
+        if not (low <= alpha <= high or alpha == math.inf):
+            rule = f"it must be one number from {low:g} to {high:g}, or infinite"
             raise InputError("alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf", value=self.alpha)
         object.__setattr__(self, "alpha", alpha)
 
     @property
     def is_indicator(self) -> bool:
-        """Whether the bump is 1 in the whole ball.
-
-        It is then the indicator of the open ball.
-        """
+        """Whether the bump is 1 in the whole open ball."""
         return self.alpha == math.inf
 
     def profile(self, distance: ArrayLike) -> Floats:
-        """Evaluate the bump at distances in radii.
-
-        They may have any shape.
-
-        Raises InputError if a distance is negative or not finite.
-        """
-        return self.values(_check_not_negative(distance, "distance"))
+        """Evaluate the bump at distances, in radii, of any shape; raises InputError if one is below 0 or not finite."""
+        distances = check_finite(distance, "distance")
+        if (distances < 0.0).any():
+            raise InputError("distance", f"holds {distances.min():g}", "none may be below zero", "pass the modulus")
+        return self.values(distances)
 
     def values(self, distance: Floats) -> Floats:
         """Evaluate :meth:`profile` for an array, without checks."""
@@ -156,53 +114,45 @@ class Bump:
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
         """Compute the Fourier transform of the bump.
 
-        The transform is ``integral psi(x) exp(-2 pi i w.x) dx``, for radius 1. A bump of radius r has ``r^dim`` times
-        this value at ``k = r |w|``. ``frequency``, shape (...), is in cycles per radius, from 0 to 1e5; ``dim`` is 2 or
-        3. The error is at most 1e-13 of the value at 0.
-
-        Raises InputError for other frequencies or dimensions.
+        It is ``integral psi(x) exp(-2 pi i w.x) dx``, for radius 1; a bump of radius r has ``r^dim`` times its value at
+        ``k = r |w|``. ``frequency``, shape (...), is in cycles per radius, from 0 to 1e5; ``dim`` is 2 or 3. The error
+        is at most 1e-13 of the value at 0. Raises InputError for other frequencies or dimensions.
         """
-        k = _check_frequency(frequency, "frequency")
         check_word(dim, "dim", (2, 3))
-        return radial_transform(self.values, k, dim)
+        return radial_transform(self.values, _check_frequency(frequency, "frequency"), dim)
 
     def table(self, dim: int, max_frequency: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
         """Return a function that interpolates :meth:`radial_spectrum`.
 
-        It accepts any number of frequencies. ``tolerance``, from 1e-13 to 0.1, is relative to the value at 0. Raises
-        InputError if a value is not usable; the returned function raises it for frequencies above ``max_frequency``.
+        ``tolerance``, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError if a value is not usable, as
+        the returned function does for frequencies above ``max_frequency``.
         """
-        within = check_tolerance(tolerance)
         check_word(dim, "dim", (2, 3))
-        highest = check_not_negative(max_frequency, "max_frequency", "pass cycles per radius")
-        return _table(self, dim, math.ceil(_check_frequency(highest, "max_frequency")), within)
+        highest = math.ceil(_check_frequency(check_not_negative(max_frequency, "max_frequency"), "max_frequency"))
+        return _table(self, dim, highest, check_tolerance(tolerance))
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
-        """Integrate the product of two bumps.
+        """Integrate ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
 
-        The integrand is ``psi(x / first) psi((x - distance e) / second)``, over the plane or space. The integral
-        decreases with the distance, because both functions are radially symmetric and decreasing. Radii and
-        ``distance``, between the centers, are in metres. The result, metres to the power ``dim``, has a relative error
-        of 1e-9 or an absolute error of 1e-60 of the smaller ball. It is 0 if the distance reaches the sum of the radii,
-        or if it underflows.
-
-        Raises InputError if a value is not usable, and CspaceError if the quadrature does not converge.
+        The integral decreases with the distance of the centers. Radii and ``distance`` are in metres; the result,
+        metres to the power ``dim``, has a relative error of 1e-9 or an absolute error of 1e-60 of the smaller ball. It
+        is 0 if the balls are apart, or if it underflows. Raises InputError if a value is not usable, and CspaceError if
+        the quadrature does not converge.
         """
-        first_radius, second_radius = (
-            np.array([check_positive(*named)]) for named in ((first, "first"), (second, "second"))
+        radii, gap = (
+            (check_positive(first, "first"), check_positive(second, "second")),
+            np.array([check_not_negative(distance, "distance")]),
         )
-        gap = np.array([check_not_negative(distance, "distance")])
         check_word(dim, "dim", (2, 3))
+        a, b = np.array(radii)[:, None]
         if self.is_indicator:
-            return float(lens_measure(first_radius, second_radius, gap, dim)[0])
-        if gap[0] >= first_radius[0] + second_radius[0]:
+            return float(lens_measure(a, b, gap, dim)[0])
+        if gap[0] >= sum(radii):
             return 0.0
         previous = math.nan
-        for count in PAIR_RULE_SIZES:
-            value = float(product_integrals(self.values, first_radius, second_radius, gap, dim, count)[0])
-            if abs(value - previous) <= PAIR_TOLERANCE * max(
-                value, PAIR_FLOOR * min(first_radius[0], second_radius[0]) ** dim
-            ):
+        for count in (48, 96, 192, 384):  # nodes of the rule, until two successive rules agree
+            value = float(product_integrals(self.values, a, b, gap, dim, count)[0])
+            if abs(value - previous) <= PAIR_TOLERANCE * max(value, PAIR_FLOOR * min(radii) ** dim):
                 return value
             previous = value
         rule = "the integral of the two bumps must converge"
@@ -210,66 +160,40 @@ class Bump:
 
 
 def check_bump(bump: Any) -> Bump:
-    """Return the bump, or ``Bump()`` for None.
-
-    Raises InputError for anything else.
-    """
+    """Return the bump, or ``Bump()`` for None; raises InputError for anything else."""
     if bump is not None and not isinstance(bump, Bump):
         raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump)
     return Bump() if bump is None else bump
 
 
 def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> float:
-    """Return a relative tolerance from ``min_tolerance`` to 0.1.
-
-    Raises InputError for anything else.
-    """
+    """Return a relative tolerance from ``min_tolerance`` to 0.1; raises InputError for anything else."""
     value = check_finite(tolerance, "tolerance")
-    if value.ndim or not min_tolerance <= value <= MAX_TOLERANCE:
-        rule = f"it must be one number from {min_tolerance:g} to {MAX_TOLERANCE:g}, relative to the largest value"
+    if value.ndim or not min_tolerance <= value <= 0.1:
+        rule = f"it must be one number from {min_tolerance:g} to 0.1, relative to the largest value"
         raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9", value=tolerance)
     return float(value)
 
 
-def _check_not_negative(values: ArrayLike, name: str) -> Floats:
-    """Return finite numbers of any shape as floats.
-
-    Raises InputError if one is negative.
-    """
-    array = check_finite(values, name)
-    if (array < 0.0).any():
-        raise InputError(name, f"holds {array.min():g}", "none may be below zero", "pass the modulus", value=values)
-    return array
-
-
 def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
-    """Return frequencies, cycles per radius, as floats.
-
-    Raises InputError if one is negative or too high.
-    """
-    k = _check_not_negative(frequency, name)
-    highest = float(k.max(initial=0.0))
-    if highest > MAX_RADIAL_FREQUENCY:
-        rule = f"at most {MAX_RADIAL_FREQUENCY:g} are computed"
-        raise InputError(name, f"holds {highest:g} cycles per radius", rule, "check its units", value=highest)
+    """Return frequencies, cycles per radius; raises InputError if one is negative or too high."""
+    k = check_finite(frequency, name)
+    for value in (k.min(initial=0.0), k.max(initial=0.0)):
+        if not 0.0 <= value <= MAX_RADIAL_FREQUENCY:
+            rule = f"it must be zero or above, and at most {MAX_RADIAL_FREQUENCY:g}"
+            raise InputError(name, f"holds {value:g} cycles per radius", rule, "check its units", value=frequency)
     return k
 
 
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> RadialTable:
-    """Compute the table of a bump, or reuse it.
-
-    Tables of recent calls are cached.
-    """
+    """Compute the table of a bump, or reuse that of a recent call."""
     return RadialTable(radial_transform(bump.values, table_points(max_frequency, 0.5 * tolerance), dim), max_frequency)
 
 
 @lru_cache(maxsize=16)
 def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
-    """Return nodes and weights of a quadrature on [0, 1].
-
-    There are ``2 count + 1`` of each. The central node is 1/2.
-    """
+    """Return nodes and weights, shape (2 count + 1,), of a quadrature on [0, 1]; the central node is 1/2."""
     u = MAX_ABSCISSA / count * np.arange(-count, count + 1)
     down = np.exp(-math.pi * np.sinh(u))
     nodes = 1.0 / (1.0 + down)
@@ -280,16 +204,16 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
     """Integrate the product of two radial bump functions, for many pairs.
 
     ``first`` and ``second`` are the radii of the bumps, and ``distances`` those of their centers, in one unit; shape
-    (n,). Returns the integrals over the plane or space, and bounds of their errors, shape (n,) each. For more than
-    ``MAX_SINGLE_PAIRS`` pairs, the bound is the largest difference of two quadrature rules over all pairs, relative to
-    ``radius^dim`` of the smaller ball. On a single pair, two rules may agree by chance.
+    (n,). Returns the integrals over the plane or space, and bounds of their errors, shape (n,) each. For more than 8
+    pairs, the bound is the largest difference of two quadrature rules over all pairs, relative to ``radius^dim`` of the
+    smaller ball. On a single pair, two rules may agree by chance.
     """
     if bump.is_indicator:
         # The integral is the measure of a lens, in closed form; 2^-50 allows for its rounding.
         values = lens_measure(first, second, distances, dim)
         return values, SAFETY_FACTOR * 2.0**-50 * values
     sizes = np.minimum(first, second) ** dim
-    if len(sizes) <= MAX_SINGLE_PAIRS:
+    if len(sizes) <= 8:
         triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
         values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
         return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + PAIR_FLOOR * sizes
@@ -301,10 +225,7 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:
-    """Return the measure of a sphere.
-
-    It is the length of a circle or the area of a sphere.
-    """
+    """Return the length of a circle or the area of a sphere."""
     return np.asarray(dim * UNIT_BALL_VOLUME[dim] * radius ** (dim - 1))
 
 
@@ -320,18 +241,16 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     from scipy.special import j0
 
     # Frequencies of an octave share a rule, because higher frequencies need more nodes.
-    kernel = {2: lambda x: j0(math.pi * x), 3: np.sinc}[dim]
-    flat = np.ravel(frequencies)
+    kernel, flat = {2: lambda x: j0(math.pi * x), 3: np.sinc}[dim], np.ravel(frequencies)
     result = np.empty(flat.shape)
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
     for octave in np.unique(octaves).tolist():
         rows = np.flatnonzero(octaves == octave)
         # The phase of the kernel advances by 2 pi k ds/du, and ds/du is at most pi / 4; add samples accordingly.
-        s, weights = double_exponential_rule(
-            math.ceil(MIN_TRANSFORM_NODES + MAX_ABSCISSA * math.pi / 4.0 * 2.0**octave)
-        )
+        count = math.ceil(MIN_TRANSFORM_NODES + MAX_ABSCISSA * math.pi / 4.0 * 2.0**octave)
+        s, weights = double_exponential_rule(count)
         measure = weights * function(s) * sphere_measure(s, dim)
-        for part in np.array_split(rows, math.ceil(len(rows) * len(s) / KERNEL_VALUES_PER_CHUNK)):
+        for part in np.array_split(rows, math.ceil(len(rows) * len(s) / 2**21)):  # to bound the memory
             result[part] = kernel(2.0 * flat[part][:, None] * s) @ measure
     return result.reshape(np.shape(frequencies))
 
@@ -350,14 +269,9 @@ class RadialTable:
         self._coefficients = np.ascontiguousarray(chebyshev_coefficients(values.T))
 
     def __call__(self, frequencies: Floats) -> Floats:
-        """Interpolate the spectrum at frequencies of any shape.
-
-        Raises InputError above the table.
-        """
+        """Interpolate the spectrum at frequencies of any shape; raises InputError above the table."""
         k = np.asarray(frequencies, dtype=np.float64)
-        if k.size and not (
-            k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + FREQUENCY_SLACK) + FREQUENCY_SLACK
-        ):
+        if k.size and not (k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + 1e-9) + 1e-9):  # for rounding
             problem, rule = f"reach from {k.min():g} to {k.max():g}", f"the table ends at {self.max_frequency:g}"
             raise InputError("frequencies", problem, rule, "make a larger table", value=frequencies)
         interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1)
@@ -370,10 +284,10 @@ class RadialTable:
 
 
 def table_points(max_frequency: float, tolerance: float) -> Floats:
-    """Return the frequencies that a table needs.
+    """Return the frequencies that a table needs, shape (intervals, nodes).
 
-    They have shape (intervals, nodes). The last interval may end above ``max_frequency``. The tolerance is the
-    interpolation error relative to the value at 0; the error of the spectrum itself adds to it.
+    The last interval may end above ``max_frequency``. The tolerance is the interpolation error relative to the value at
+    0; the error of the spectrum itself adds to it.
     """
     nodes = TABLE_HALF_WIDTH * (1.0 + chebyshev_nodes(count_nodes(tolerance, 2.0 * math.pi * TABLE_HALF_WIDTH)))
     intervals = max(1, math.ceil(max_frequency / (2.0 * TABLE_HALF_WIDTH)))
@@ -381,7 +295,7 @@ def table_points(max_frequency: float, tolerance: float) -> Floats:
 
 
 def count_nodes(tolerance: float, phase: float) -> int:
-    """Return the number of Chebyshev nodes that an interval needs.
+    """Return the number of Chebyshev nodes per interval.
 
     With them, exponentials of ``phase`` radians in half an interval are interpolated within ``tolerance``.
     """
@@ -392,18 +306,12 @@ def count_nodes(tolerance: float, phase: float) -> int:
 
 
 def chebyshev_nodes(count: int) -> Floats:
-    """Return the zeros of a Chebyshev polynomial.
-
-    They are in descending order, shape (count,).
-    """
+    """Return the zeros of a Chebyshev polynomial, descending, shape (count,)."""
     return np.asarray(np.cos(math.pi * (np.arange(count) + 0.5) / count))
 
 
 def chebyshev_coefficients(values: Floats) -> Floats:
-    """Return Chebyshev coefficients of polynomials through values.
-
-    ``values``, shape (count, ...), are those at :func:`chebyshev_nodes`; the result has the same shape.
-    """
+    """Return the coefficients of polynomials from their values, shape (count, ...), at :func:`chebyshev_nodes`."""
     from scipy.fft import dct
 
     coefficients = dct(values, axis=0) / len(values)
@@ -440,7 +348,7 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
     positive = np.nonzero(mass)
     mass, rise, radial, pairs = mass[positive], rise[positive], radial[positive], positive[1]
     totals = np.zeros(len(gaps))
-    for part in np.array_split(np.arange(len(mass)), math.ceil(len(mass) * len(x) / PRODUCT_VALUES_PER_CHUNK) or 1):
+    for part in np.array_split(np.arange(len(mass)), math.ceil(len(mass) * len(x) / 2**14) or 1):  # fits into the cache
         s, gap, radius = radial[part], gaps[pairs[part]], radii[pairs[part]]
         depth = np.where(first[pairs[part]] > 0.0, rise[part], radius + s - gap)
         with np.errstate(divide="ignore", over="ignore"):  # coinciding centers cover all directions
@@ -453,12 +361,11 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
 
 
 def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Return nodes and densities of the integral over directions.
+    """Return nodes, as ``sin(theta / 2)^2``, and densities ``dOmega / dx`` of the integral over directions.
 
-    They are ``sin(theta / 2)^2`` at the nodes, and ``dOmega / dx``. ``covered``, shape (n, 1), is the largest
-    ``sin(theta / 2)^2``, and ``x``, shape (nodes,), are nodes in [0, 1]. No sine is needed: on a sphere, the area
-    between two circles is proportional to the difference of their ``sin(theta / 2)^2``; on a circle, both are rational
-    in ``tan(theta / 4)``.
+    ``covered``, shape (n, 1), is the largest ``sin(theta / 2)^2``; ``x``, shape (nodes,), are nodes in [0, 1]. No sine
+    is needed: on a sphere, the area between two circles is proportional to the difference of their ``sin(theta /
+    2)^2``; on a circle, both are rational in ``tan(theta / 4)``.
     """
     if dim == 3:
         return covered * x, 4.0 * math.pi * covered
@@ -469,37 +376,24 @@ def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Float
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
-    """Return the area or volume common to two balls.
-
-    ``a`` and ``b`` are the radii, shape (n,). The result is accurate also for thin lenses.
-    """
+    """Return the area or volume common to two balls of radii a and b, accurate also for thin lenses."""
     small = np.minimum(a, b)
     # Subtract similar lengths first, because such differences are exact.
     depth = (np.maximum(a, b) - distance) + small
     with np.errstate(all="ignore"):  # np.where drops the invalid values below
-        lens = {2: _lens_area, 3: _lens_volume}[dim](a, b, distance, depth)
+        if dim == 3:
+            spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
+            lens = np.asarray(math.pi * depth**2 * spread / (12.0 * distance))
+        else:
+            share = (b - a) / distance  # divided before multiplying, because the product may underflow
+            lens = _segment_area(a, 0.5 * depth * (1.0 + share)) + _segment_area(b, 0.5 * depth * (1.0 - share))
     small_ball = UNIT_BALL_VOLUME[dim] * small**dim
     return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), small_ball, lens))
 
 
-def _lens_volume(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
-    """Return the volume of a lens of two balls."""
-    spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
-    return np.asarray(math.pi * depth**2 * spread / (12.0 * distance))
-
-
-def _lens_area(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
-    """Return the area of a lens of two discs."""
-    share = (b - a) / distance  # divided before multiplying, because the product may underflow
-    return _segment_area(a, 0.5 * depth * (1.0 + share)) + _segment_area(b, 0.5 * depth * (1.0 - share))
-
-
 def _segment_area(radius: Floats, height: Floats) -> Floats:
-    """Return the area of a disc segment.
-
-    ``height`` is its height, shape (n,).
-    """
+    """Return the areas of disc segments by radius and height; a series replaces ``x - sin(x)`` for small x."""
     angle = 4.0 * np.arcsin(np.sqrt(np.minimum(1.0, height / (2.0 * radius))))
     series = [(-1.0) ** n / math.factorial(2 * n + 3) for n in range(6)]
     small = angle**3 * np.polynomial.polynomial.polyval(angle * angle, series)
-    return np.asarray(0.5 * radius**2 * np.where(angle > MAX_SERIES_ANGLE, angle - np.sin(angle), small))
+    return np.asarray(0.5 * radius**2 * np.where(angle > 0.25, angle - np.sin(angle), small))

@@ -57,12 +57,8 @@ BALLS_VERSION: Final = 2
 KIND_COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
 """Colors of balls by kind, from Okabe and Ito (2008)."""
 
-
 BALL_READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json, ".yaml": read_yaml, ".yml": read_yaml}
 """Function that reads a file of balls, by suffix."""
-
-BALL_SUFFIX_RULE: Final = "balls go into .yaml, .yml or .json"
-"""Rule in messages about other suffixes."""
 
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
 """Names of the attributes that are pairs of bounds."""
@@ -136,23 +132,14 @@ class BallDecomposition:
 
     @property
     def volume_bounds(self) -> Bounds:
-        """Bounds of the volume relative to the shape.
-
-        The volume, or area, is that of the union of the balls. The bounds are infinite if the shape has no area or
-        volume.
-        """
+        """Bounds of the union's area or volume over that of the shape; infinite if the shape has none."""
         low, high = self.shape_measure
-        return Bounds(
-            self.measure.lower / high if high > 0.0 else float("inf"),
-            self.measure.upper / low if low > 0.0 else float("inf"),
-        )
+        lower, upper = self.measure
+        return Bounds(lower / high if high > 0.0 else math.inf, upper / low if low > 0.0 else math.inf)
 
     @property
     def volume_ratio(self) -> float:
-        """Mean of the bounds in :attr:`volume_bounds`.
-
-        In the plane, these bounds differ by about 1e-5.
-        """
+        """Mean of the bounds in :attr:`volume_bounds`, which differ by about 1e-5 in the plane."""
         return sum(self.volume_bounds) / 2.0
 
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
@@ -197,7 +184,7 @@ class BallDecomposition:
         InputError for another suffix. Raises FileError if the file exists and ``overwrite`` is not set, or cannot be
         written.
         """
-        check_suffix(path, BALL_READERS, BALL_SUFFIX_RULE)
+        check_suffix(path, BALL_READERS, "balls go into .yaml, .yml or .json")
         record: dict[str, Any] = {"format": BALLS_FORMAT, "version": BALLS_VERSION, "kind": self.kind}
         record |= {name: list(getattr(self, name)) for name in _BOUNDS}
         record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
@@ -211,7 +198,7 @@ class BallDecomposition:
 
         Raises InputError for another suffix, and FileError if the file is missing, malformed, or of another version.
         """
-        load = BALL_READERS[check_suffix(path, BALL_READERS, BALL_SUFFIX_RULE)]
+        load = BALL_READERS[check_suffix(path, BALL_READERS, "balls go into .yaml, .yml or .json")]
         record, name = load(path, "file of balls"), os.fspath(path)
         if not isinstance(record, Mapping) or record.get("format") != BALLS_FORMAT:
             rule = f"its format must be {BALLS_FORMAT!r}"
@@ -228,44 +215,14 @@ class BallDecomposition:
             raise FileError(name, problem, rule, "correct it or write it again") from error
 
 
-LATTICE_REFINEMENTS: Final = (1, 4)
-"""Factors by which the number of lattice cells grows while fewer than MIN_USED_FRACTION of the balls are used."""
-
-MIN_USED_FRACTION: Final = 0.9
-"""Fraction of the requested balls that ends the refinement if it is used."""
-
-MAX_BISECTIONS: Final = 12
-"""Largest number of steps of the bisection of the length by which balls may stick out."""
-
 MAX_CANDIDATES: Final = 6_000
 """Approximate number of candidate balls in the first choice."""
-
-NEIGHBOUR_CELLS: Final = 2
-"""Distance, in cells, within which a ball is compared with balls that may contain it."""
-
-CONTAINMENT_TOLERANCE: Final = 0.02
-"""Fraction of the distance of two centers by which a contained ball may stick out."""
-
-CELL_SUBDIVISIONS: Final = (1, 2, 4, 8, 16)
-"""Numbers of parts per side into which cells without a ball nearby are divided."""
-
-MAX_HALVED_BALLS: Final = 200
-"""Largest number of balls for which choices of half and of a quarter of them are tried too."""
 
 UNLIMITED_BALLS: Final = 2**40
 """Limit of the number of balls that is never reached."""
 
 LATTICE_ROUNDING: Final = 2.0**-20
 """Rounding allowance, in sides of a cell: a ball reaches this far beyond the cells it contains."""
-
-EQUAL_RADII_RATIO: Final = 0.75
-"""Ratio of successive radii that are tried if all balls have one radius."""
-
-EQUAL_RADII_TRIED: Final = 12
-"""Number of radii that are tried if all balls have one radius."""
-
-MAX_POLISH_ROUNDS: Final = 6
-"""Largest number of rounds in which balls are moved."""
 
 
 def decompose(
@@ -327,33 +284,32 @@ def decompose(
     if count is not None and not 0.0 < region.size < np.inf:
         problem, rule = f"is {number}, but the shape is {region.size:g} m across", "its lattice needs a finite size"
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
-    best, gap = None, (0.0, math.inf)
-    for finer in LATTICE_REFINEMENTS if count and not equal_radii else (1,):
+    best: tuple[Floats, Floats] = (np.empty((0, region.dim)), np.empty(0))
+    gap = (0.0, math.inf)
+    # If fewer than 9 of 10 balls are used, a lattice of four times the cells is tried too.
+    for finer in (1, 4) if count and not equal_radii else (1,):
         lattice = Lattice.for_count(region, count, finer) if count else Lattice.for_tolerance(region, length or 0.0)
         if equal_radii:
             centers, radii, found, used = _choose_equal_balls(lattice, kind, count, length)
         else:
             centers, radii, found, used = (_fill_shape if kind == "inner" else _cover_shape)(lattice, count, length)
-        if best is None or found[1] < gap[1]:
-            best, gap = (centers, radii), found
-        if count and used >= MIN_USED_FRACTION * count:
+        if not len(best[1]) or found[1] < gap[1]:
+            order = np.argsort(-radii, kind="stable")
+            best, gap = (centers[order], radii[order]), found
+        if count and used >= 0.9 * count:
             break
-    centers, radii = best or (centers, radii)
-    order = np.argsort(-radii, kind="stable")
-    centers, radii = centers[order], radii[order]
-    measures = Bounds(*bound_ball_measure(centers, radii)), Bounds(*region.measure)
-    return BallDecomposition(centers, radii, kind, *measures, Bounds(*gap), region.shape)
+    measures = Bounds(*bound_ball_measure(*best)), Bounds(*region.measure)
+    return BallDecomposition(*best, kind, *measures, Bounds(*gap), region.shape)
 
 
 # ---- choice of balls -------------------------------------------------------------------------------------------------
 
 
 def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
-    """Choose balls that lie in a shape.
+    """Choose balls in a shape, at most ``number`` or enough for a tolerance, in metres.
 
-    There are at most ``number`` balls, or enough for a tolerance in metres. Returns centers (n, d) and radii (n,) in
-    metres, bounds of the distance from the shape to the balls, and n. Raises InputError if the shape is too thin or the
-    tolerance too small.
+    Returns centers (n, d) and radii (n,) in metres, bounds of the distance from the shape to the balls, and n. Raises
+    InputError if the shape is too thin or the tolerance too small.
     """
     inside = _inner_candidates(lattice)
     open_cells, gap = 0, None
@@ -381,11 +337,10 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
 
 
 def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
-    """Choose balls that cover a shape.
+    """Choose balls that cover a shape, at most ``number``, or sticking out by at most ``tolerance`` metres.
 
-    There are at most ``number`` balls, or they stick out by at most ``tolerance`` metres. Returns centers (n, d) and
-    radii (n,) in metres, bounds of the distance from the balls to the shape, and the number of balls that were tried.
-    Raises InputError if no such balls are found.
+    Returns centers (n, d) and radii (n,) in metres, bounds of the distance from the balls to the shape, and the number
+    of balls that were tried. Raises InputError if no such balls are found.
     """
     candidates = _medial_balls(lattice)
     if tolerance is not None:
@@ -416,7 +371,7 @@ def _choose_equal_balls(
     """
     region, limit = lattice.region, number or UNLIMITED_BALLS
     best, growth = None, 2.0 * region.size / lattice.side if tolerance is None else tolerance / lattice.side
-    radii = float(lattice.depths.max()) * EQUAL_RADII_RATIO ** np.arange(EQUAL_RADII_TRIED)
+    radii = float(lattice.depths.max()) * 0.75 ** np.arange(12)
     for radius in [*radii[radii > 0.0].tolist(), *([0.0] if kind == "outer" else [])]:
         inside = np.flatnonzero((lattice.depths >= radius) | (radius == 0.0))
         inside = inside[:: -(-len(inside) // MAX_CANDIDATES)]
@@ -453,14 +408,11 @@ def _grow_equally(lattice: Lattice, balls: LatticeBalls, growth: float, number: 
 def _nearest_balls(
     lattice: Lattice, choices: list[LatticeBalls | None], *, grow: bool
 ) -> tuple[Floats, Floats, Floats, Gap | None]:
-    """Select the choice of balls that is nearest to the shape.
+    """Select the choice of balls with the smallest distance from the shape to the balls.
 
-    Each choice gives the centers; the balls are the largest balls in the shape around them. The selected choice has the
-    smallest maximum distance from a point of the shape to the balls.
-
-    Returns centers (n, d) and radii (n,) in metres, the growth of each ball with which all cover the shape (n,) if
-    ``grow`` is set, and bounds of that distance. Radii are negative outside the shape. Without any choice, n is 0 and
-    the bounds are None.
+    Each choice gives the centers; the balls are the largest balls in the shape around them. Returns centers (n, d) and
+    radii (n,) in metres, negative outside the shape; the growth of each ball with which all cover the shape (n,) if
+    ``grow`` is set; and bounds of the distance. Without any choice, n is 0 and the bounds are None.
     """
     points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
     found: tuple[Floats, Floats, Floats, Gap | None] = (np.empty((0, lattice.region.dim)), *np.empty((2, 0)), None)
@@ -485,13 +437,13 @@ def _inner_candidates(lattice: Lattice) -> LatticeBalls:
 
 
 def _fill_greedily(lattice: Lattice, number: int) -> list[LatticeBalls]:
-    """Choose balls that contain many cell centers.
+    """Choose at most ``number`` balls in the shape that contain many cell centers.
 
-    The balls lie in the shape, at most ``number`` of them. Returns several choices, because fewer balls may be nearer
-    to all points: a choice ends when all cell centers lie in balls.
+    Returns several choices, because fewer balls may be nearer to all points: a choice ends when all cell centers lie in
+    balls.
     """
     inside, choices = _inner_candidates(lattice), []
-    for count in {number, *((number // 2, number // 4) if number <= MAX_HALVED_BALLS else ())} - {0}:
+    for count in {number, *((number // 2, number // 4) if number <= 200 else ())} - {0}:
         cover = Cover(lattice, whole=False)
         chosen = cover.choose(inside, count)
         if not len(chosen):  # the shape is so thin that it contains no cell center
@@ -503,24 +455,27 @@ def _fill_greedily(lattice: Lattice, number: int) -> list[LatticeBalls]:
 
 
 def _cover_with(lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool) -> LatticeBalls | None:
-    """Choose at most ``number`` balls that cover all cells.
+    """Choose at most ``number`` balls that cover all cells, or return None.
 
-    They grow, beyond their depth in the shape, by the smallest length for which such balls are found. Returns None if
-    none are found.
+    They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such balls are found.
     """
-
-    def cover_within(length: float) -> LatticeBalls | None:
-        return _cover_within(lattice, candidates, length, number, inside=inside)
-
-    return _bisect_length(cover_within, 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side)
+    bad, good = 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side
+    best = _cover_within(lattice, candidates, good, number, inside=inside)
+    for _ in range(12):
+        if best is None or good < 1.02 * bad:
+            break
+        length = math.sqrt(good * bad)
+        balls = _cover_within(lattice, candidates, length, number, inside=inside)
+        best, bad, good = (best, length, good) if balls is None else (balls, bad, length)
+    return best
 
 
 def _cover_within(
     lattice: Lattice, candidates: LatticeBalls, length: float, number: int, *, inside: bool
 ) -> LatticeBalls | None:
-    """Choose balls that cover all cells and stick out little.
+    """Choose balls that cover all cells and stick out by at most ``length``, in sides.
 
-    They stick out of the shape by at most ``length``, in sides. Returns None if that takes more than ``number`` balls.
+    Returns None if that takes more than ``number`` balls.
     """
     cover, balls = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
     if len(cover.open_cells):
@@ -532,10 +487,10 @@ def _cover_within(
 def _choose_cover(
     lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, max_balls: int = UNLIMITED_BALLS
 ) -> tuple[Cover, LatticeBalls]:
-    """Choose balls until every cell lies in one.
+    """Choose at most ``max_balls`` balls until every cell lies in one.
 
-    There are at most ``max_balls``. The reach of a ball is its depth in the shape plus ``reach``, in sides. With
-    ``inside``, centers must lie in the shape. The returned cover has open cells if ``max_balls`` do not suffice.
+    The reach of a ball is its depth in the shape plus ``reach``, in sides. With ``inside``, centers must lie in the
+    shape. The returned cover has open cells if ``max_balls`` do not suffice.
     """
     from scipy.spatial import KDTree
 
@@ -560,32 +515,11 @@ def _choose_cover(
     return cover, balls
 
 
-def _bisect_length(
-    cover_within: Callable[[float], LatticeBalls | None], bad: float, good: float
-) -> LatticeBalls | None:
-    """Find the result of the smallest length that has one.
-
-    The length is bisected between ``bad`` and ``good``. ``cover_within`` returns None if a length has no result.
-    Returns None if ``good`` has none.
-    """
-    best = cover_within(good)
-    for _ in range(MAX_BISECTIONS):
-        if best is None or good < 1.02 * bad:
-            break
-        length = float(np.sqrt(good * bad))
-        balls = cover_within(length)
-        best, bad, good = (best, length, good) if balls is None else (balls, bad, length)
-    return best
-
-
 # ---- candidates ------------------------------------------------------------------------------------------------------
 
 
 def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
-    """Return the largest ball around every cell center.
-
-    The balls lie in the shape.
-    """
+    """Return the largest ball in the shape around every cell center."""
     return LatticeBalls(lattice.cell_centers, lattice.depths, lattice.depths)
 
 
@@ -600,13 +534,11 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
     # A ball is contained if a neighbor's depth exceeds its own by the distance of the two centers: a grey dilation.
     depths = np.full(lattice.cells.shape, -np.inf)
     depths[lattice.cells] = lattice.depths
-    steps = (np.arange(-NEIGHBOUR_CELLS, NEIGHBOUR_CELLS + 1) if half else np.zeros(1) for half in lattice.half)
+    # Neighbors are up to two cells away, and a contained ball may stick out by 2 % of that distance.
+    steps = (np.arange(-2, 3) if half else np.zeros(1) for half in lattice.half)
     distances = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
-    decrease = -(1.0 - CONTAINMENT_TOLERANCE) * distances
-    is_contained = (
-        grey_dilation(depths, footprint=distances > 0.0, structure=decrease, mode="constant", cval=-np.inf) >= depths
-    )
-    balls = _balls_at_cell_centers(lattice).select(~is_contained[lattice.cells])
+    options = {"footprint": distances > 0.0, "structure": -0.98 * distances, "mode": "constant", "cval": -np.inf}
+    balls = _balls_at_cell_centers(lattice).select(~(grey_dilation(depths, **options) >= depths)[lattice.cells])
     # Thin out the candidates evenly, but keep the largest ball.
     kept = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // MAX_CANDIDATES)) == 0
     if len(kept):
@@ -615,12 +547,9 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Return a ball around a deep point of each cell.
-
-    ``cells`` has shape (n, 3): cell centers. Cells without a point of the shape get no ball.
-    """
+    """Return a ball around a deep point of each cell, centers (n, 3); none for cells without a point in the shape."""
     points = _balls_at_cell_centers(lattice).select(np.zeros(0, dtype=np.int64))
-    for cuts in CELL_SUBDIVISIONS:
+    for cuts in (1, 2, 4, 8, 16):  # parts per side of a cell
         if not len(cells):
             break
         ticks = [(np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half]
@@ -634,10 +563,10 @@ def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
 
 
 class LatticeBalls(NamedTuple):
-    """Balls in lattice coordinates.
+    """Balls in lattice coordinates, in sides of a cell.
 
     ``centers`` have shape (n, 3). ``depths``, shape (n,), are lower bounds of the depth of a center in the shape, and
-    ``reaches``, shape (n,), the radii; both in sides of a cell.
+    ``reaches``, shape (n,), the radii.
     """
 
     centers: Floats
@@ -656,20 +585,11 @@ class LatticeBalls(NamedTuple):
 class CellCounts(NamedTuple):
     """Number of balls that contain each cell, for kernels.
 
-    Attributes
-    ----------
-    counts : ndarray of int32, shape (nx, ny, nz)
-        Number of chosen balls that contain a cell; -1 for ignored cells.
-    prefix_sums : ndarray of int32, shape (nx, ny, nz + 1)
-        Number of open cells before a cell in its row.
-    open_counts : ndarray of int32, shape (nx, ny)
-        Number of open cells of a row.
-    half : ndarray of float64, shape (3,)
-        Half a cell along each axis if balls must contain whole cells, otherwise 0.
-    rows : ndarray of int64, shape (nx * ny, 4)
-        Scratch for the rows of cells in a ball: i, j, first k, stop k.
-    squares : ndarray of float64, shape (nx * ny,)
-        Scratch for the part of the squared distance along the first two axes.
+    ``counts``, shape (nx, ny, nz), are the numbers of chosen balls that contain a cell, or -1 for ignored cells.
+    ``prefix_sums``, shape (nx, ny, nz + 1), are the numbers of open cells before a cell in its row, and
+    ``open_counts``, shape (nx, ny), those of rows. ``half``, shape (3,), is half a cell along each axis if balls must
+    contain whole cells, else 0. Scratch for the rows of cells in a ball: ``rows``, shape (nx * ny, 4), are i, j, first
+    k and stop k, and ``squares`` the part of the squared distance along the first two axes.
     """
 
     counts: NDArray[np.int32]
@@ -700,17 +620,11 @@ class Cover:
 
     @property
     def open_cells(self) -> Floats:
-        """Centers of the cells in no ball.
-
-        They have shape (n, 3).
-        """
+        """Centers of the cells in no ball, shape (n, 3)."""
         return np.argwhere(self._cells.counts == 0) + np.float64(0.5)
 
     def choose(self, balls: LatticeBalls, max_balls: int) -> Ints:
-        """Choose balls greedily by the cells they add.
-
-        At most ``max_balls`` are chosen. Returns their indices in the order of choice.
-        """
+        """Choose at most ``max_balls`` balls greedily by the cells they add; return their indices, in that order."""
         # A ball contains at most as many cells as fit into it when it is larger by half a diagonal.
         lattice, dim = self._lattice, self._lattice.region.dim
         enclosing = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
@@ -730,10 +644,7 @@ class Cover:
         return reaches
 
     def polish(self, centers: Floats, radii: Floats) -> None:
-        """Move balls to contain more cells, in place.
-
-        The balls stay inside the shape. ``centers`` has shape (n, 3), ``radii`` (n,).
-        """
+        """Move balls, centers (n, 3) and radii (n,), inside the shape to contain more cells, in place."""
         lattice, border = self._lattice, self._lattice.region.inner
         lattice_frame = lattice.corner, lattice.side, border.error
         polish(self._cells, border.tree, centers, radii, lattice_frame, np.empty((2, 3)))
@@ -741,28 +652,28 @@ class Cover:
 
 @kernel
 def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
-    """Return the range of cells near a coordinate.
-
-    Their centers lie within ``length`` of `center` along one axis that has ``count`` cells.
-    """
+    """Return the range of ``count`` cells whose centers lie within ``length`` of a coordinate."""
     return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
 @kernel
-def _find_rows(cells: CellCounts, center: Floats, reach: float) -> int:
-    """Find the rows of cells in a ball.
+def _find_rows(cells: CellCounts, center: Floats, reach: float, only_open: bool) -> tuple[int, int]:
+    """Find the rows of cells in a ball; return their number, and the number of open cells in them.
 
-    They fill the first rows of ``cells.rows``; returns their number. ``center`` has shape (3,).
+    They fill the first rows of ``cells.rows``. ``center`` has shape (3,). With ``only_open``, rows of the lattice
+    without open cells are skipped.
     """
     nx, ny, nz = cells.counts.shape
     half = cells.half
     radius = reach - LATTICE_ROUNDING
-    count = 0
+    count, gain = 0, 0
     for i in range(*_cell_range(center[0], radius - half[0], nx)):
         square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if square_x > radius * radius:
             continue
         for j in range(*_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)):
+            if only_open and cells.open_counts[i, j] == 0:
+                continue
             square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if square_xy > radius * radius:
                 continue
@@ -772,17 +683,15 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> int:
                 cells.rows[count, 2], cells.rows[count, 3] = first, stop
                 cells.squares[count] = square_xy
                 count += 1
-    return count
+                gain += cells.prefix_sums[i, j, stop] - cells.prefix_sums[i, j, first]
+    return count, gain
 
 
 @kernel
-def _count_ball(cells: CellCounts, rows: int, step: int) -> None:
-    """Add a ball to the counts of its cells, or remove it.
-
-    ``step`` is 1 or -1. :func:`_find_rows` must have found its ``rows`` rows.
-    """
+def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
+    """Add a ball to the counts of its cells (step 1), or remove it (step -1)."""
     counts, prefix_sums = cells.counts, cells.prefix_sums
-    for n in range(rows):
+    for n in range(_find_rows(cells, center, reach, False)[0]):
         i, j, first, stop = cells.rows[n]
         for k in range(first, stop):
             if counts[i, j, k] >= 0:
@@ -790,32 +699,6 @@ def _count_ball(cells: CellCounts, rows: int, step: int) -> None:
         for k in range(first, counts.shape[2]):
             prefix_sums[i, j, k + 1] = prefix_sums[i, j, k] + (counts[i, j, k] == 0)
         cells.open_counts[i, j] = prefix_sums[i, j, counts.shape[2]]
-
-
-@kernel
-def _count_gain(cells: CellCounts, center: Floats, reach: float) -> int:
-    """Count the open cells that a ball contains.
-
-    Rows without open cells are skipped.
-    """
-    nx, ny, nz = cells.counts.shape
-    half = cells.half
-    radius = reach - LATTICE_ROUNDING
-    gain = 0
-    for i in range(*_cell_range(center[0], radius - half[0], nx)):
-        square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
-        if square_x > radius * radius:
-            continue
-        for j in range(*_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)):
-            if cells.open_counts[i, j] == 0:
-                continue
-            square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
-            if square_xy > radius * radius:
-                continue
-            first, stop = _cell_range(center[2], math.sqrt(radius * radius - square_xy) - half[2], nz)
-            if first < stop:
-                gain += cells.prefix_sums[i, j, stop] - cells.prefix_sums[i, j, first]
-    return gain
 
 
 @jit
@@ -832,14 +715,14 @@ def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, 
     heapq.heapify(queue)
     while len(queue) > 0 and count < len(chosen) and open_count > 0:
         _, ball = heapq.heappop(queue)
-        gain = _count_gain(cells, centers[ball], reaches[ball])
+        _, gain = _find_rows(cells, centers[ball], reaches[ball], True)
         if gain == 0:
             continue
         # The gain is up to date. If another ball may gain more, queue this one again.
         if len(queue) > 0 and gain < -queue[0][0]:
             heapq.heappush(queue, (-float(gain), ball))
             continue
-        _count_ball(cells, _find_rows(cells, centers[ball], reaches[ball]), 1)
+        _count_ball(cells, centers[ball], reaches[ball], 1)
         chosen[count] = ball
         count += 1
         open_count -= gain
@@ -848,27 +731,24 @@ def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, 
 
 @kernel
 def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
-    """Shrink balls to the cells that only they contain.
+    """Shrink balls, in the order of the indices, to the cells that only they contain.
 
-    Balls are processed in ``order``, shape (n,). Reaches change in place, to 0 for balls without such cells. With
-    ``only_drop``, only these balls change.
+    Reaches change in place, to 0 for balls without such cells. With ``only_drop``, only these balls change.
     """
     for ball in order:
-        rows = _find_rows(cells, centers[ball], reaches[ball])
         farthest = -1.0
-        for row in range(rows):
+        for row in range(_find_rows(cells, centers[ball], reaches[ball], False)[0]):
             i, j, first, stop = cells.rows[row]
             for k in range(first, stop):
                 if cells.counts[i, j, k] == 1:
-                    farthest = max(
-                        farthest, cells.squares[row] + (abs(k + 0.5 - centers[ball, 2]) + cells.half[2]) ** 2
-                    )
+                    offset = abs(k + 0.5 - centers[ball, 2]) + cells.half[2]
+                    farthest = max(farthest, cells.squares[row] + offset * offset)
         # One allowance for the reach beyond the cells, one for the rounding of the root.
         min_reach = math.sqrt(farthest) + 2.0 * LATTICE_ROUNDING if farthest >= 0.0 else 0.0
         if min_reach < reaches[ball] and not (only_drop and min_reach > 0.0):
-            _count_ball(cells, rows, -1)
+            _count_ball(cells, centers[ball], reaches[ball], -1)
             if min_reach > 0.0:
-                _count_ball(cells, _find_rows(cells, centers[ball], min_reach), 1)
+                _count_ball(cells, centers[ball], min_reach, 1)
             reaches[ball] = min_reach
 
 
@@ -881,20 +761,20 @@ def polish(
     lattice_frame: tuple[Floats, float, float],
     scratch: Floats,
 ) -> None:
-    """Move balls to contain more cells, in place.
+    """Move balls inside the shape to contain more cells, in place.
 
-    The balls stay inside the shape: a step ends inside the ball, and the distance from the boundary becomes the new
-    radius. Steps go along the axes, and halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,).
-    ``lattice_frame`` is the corner of the lattice in the space of the tree, its side, and the error of distances.
-    ``scratch``, shape (2, 3), holds a trial point in both frames.
+    A step ends inside the ball, and the distance from the boundary becomes the new radius. Steps go along the axes, and
+    halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,). ``lattice_frame`` is the corner of the lattice in
+    the space of the tree, its side, and the error of distances. ``scratch``, shape (2, 3), holds a trial point in both
+    frames.
     """
     corner, side, error = lattice_frame
     trial, point = scratch[0], scratch[1]
-    for round_index in range(MAX_POLISH_ROUNDS):
+    for round_index in range(6):
         moved = False
         for ball in range(len(centers)):
-            _count_ball(cells, _find_rows(cells, centers[ball], radii[ball]), -1)
-            best = _count_gain(cells, centers[ball], radii[ball])
+            _count_ball(cells, centers[ball], radii[ball], -1)
+            best = _find_rows(cells, centers[ball], radii[ball], True)[1]
             step = 2.0 / (1 << round_index)
             for _ in range(4):
                 better = False
@@ -910,13 +790,13 @@ def polish(
                     radius = (bound_distance(tree, point, 2.0 * side * (radii[ball] + step))[0] - error) / side
                     if radius <= 0.0:
                         continue
-                    gain = _count_gain(cells, trial, radius)
+                    gain = _find_rows(cells, trial, radius, True)[1]
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain
                         centers[ball, axis], radii[ball] = trial[axis], radius
                 if not better:
                     step *= 0.5
-            _count_ball(cells, _find_rows(cells, centers[ball], radii[ball]), 1)
+            _count_ball(cells, centers[ball], radii[ball], 1)
         if not moved:
             break

@@ -36,9 +36,6 @@ if TYPE_CHECKING:
 
     from cspace.robot import Robot
 
-SUM_SLACK: Final = 2.0**-33
-"""Distance by which bounds of a sum grow or shrink, relative to the largest coordinate."""
-
 
 MAX_SUM_CORNERS: Final = 10_000_000
 """Largest number of corners of all pairwise sums of convex parts."""
@@ -51,12 +48,7 @@ Corner = tuple[float, float]
 class PolygonSum(NamedTuple):
     """Inner and outer bound of a Minkowski sum of polygons.
 
-    Attributes
-    ----------
-    inner : shapely geometry
-        Lies in the sum. Empty if the sum has no area.
-    outer : shapely geometry
-        Contains the sum.
+    ``inner`` lies in the sum, and is empty if the sum has no area; ``outer`` contains the sum.
     """
 
     inner: BaseGeometry
@@ -77,10 +69,9 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
         problem = f"and first make {corners:,} sums of corners of their {parts}"
         hint = "simplify both, e.g. with shapely.simplify"
         raise InputError("second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint, value=second)
-    points = (first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]).reshape(
-        len(first_parts) * len(second_parts), -1, 2
-    )
-    slack = SUM_SLACK * float(np.abs(points).max())
+    sums_of_corners = first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]
+    points = sums_of_corners.reshape(len(first_parts) * len(second_parts), -1, 2)
+    slack = 2.0**-33 * float(np.abs(points).max())
     sums = shapely.convex_hull(shapely.linestrings(points))
     grown = shapely.buffer(sums, slack, join_style="mitre", cap_style="square")
     shrunk = shapely.buffer(sums[shapely.get_dimensions(sums) == 2], -slack, join_style="mitre")
@@ -94,10 +85,7 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
 
 
 def _convex_parts(geometry: BaseGeometry) -> Floats:
-    """Split a geometry into convex parts.
-
-    Returns their corners, shape (n, k, 2); the last corner of a part repeats if it has fewer than k.
-    """
+    """Split a geometry into convex parts: corners (n, k, 2), of which the last repeats if there are fewer than k."""
     import shapely
 
     rings: list[list[Corner]] = []
@@ -112,12 +100,11 @@ def _convex_parts(geometry: BaseGeometry) -> Floats:
 
 
 def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
-    """Cut a polygon into counterclockwise triangles.
+    """Cut a polygon into counterclockwise triangles, checked exactly.
 
-    The result is checked exactly: if the boundary of the polygon is the sum of the boundaries of the triangles, the
-    number of triangles around a point is the winding number of the polygon, one inside and zero outside.
-
-    Raises GeometryError if the triangles do not tile the polygon.
+    If the boundary of the polygon is the sum of the boundaries of the triangles, the number of triangles around a point
+    is the winding number of the polygon, one inside and zero outside. Raises GeometryError if the triangles do not tile
+    the polygon.
     """
     import shapely
 
@@ -140,10 +127,7 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
-    """Merge neighboring convex polygons while they stay convex.
-
-    Neighbors share an edge (Hertel and Mehlhorn, 1983). Rings are counterclockwise.
-    """
+    """Merge convex, counterclockwise rings that share an edge while they stay convex (Hertel and Mehlhorn, 1983)."""
     pieces = dict(enumerate(rings))
     owner = {(ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))}
     for a, b in list(owner):
@@ -166,10 +150,7 @@ def _rotate_ring(ring: list[Corner], corner: Corner) -> list[Corner]:
 
 
 def _add_ring(boundary: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], times: int) -> None:
-    """Add the edges of a ring to a boundary.
-
-    Each directed edge counts ``times`` times; opposite edges cancel.
-    """
+    """Add the directed edges of a ring to a boundary, ``times`` times; opposite edges cancel."""
     for k in range(len(ring)):
         a, b = ring[k - 1], ring[k]
         if a < b:
@@ -191,10 +172,7 @@ def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
 
 
 def _orientation(a: Corner, b: Corner, c: Corner) -> int:
-    """Return the exact orientation of three points.
-
-    It is 1 for a left turn, -1 for a right turn, and 0 for collinear points.
-    """
+    """Return the exact orientation of three points: 1 for a left turn, -1 for a right turn, 0 if collinear."""
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in (a, b, c))
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return (area > 0) - (area < 0)
@@ -203,20 +181,17 @@ def _orientation(a: Corner, b: Corner, c: Corner) -> int:
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
 """Types that give balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of arrays."""
 
-
 PLACEMENT_ROUNDING: Final = 2.0**-50
 """Upper bound of the relative error of rotating and translating a coordinate."""
-
 
 GRID_TOLERANCE: Final = 1e-9
 """Largest difference of equal grids by rounding, relative to a cell or to the spacing."""
 
-
 MAX_EXACT_NORM: Final = 2.0**40
 """Largest product of 2-norms for which FFTs of whole numbers can be rounded exactly.
 
-The error of a transform in float64 is below 1000 rounding units of the product, so below 1/8."""
-
+The error of a transform in float64 is below 1000 rounding units of the product, so below 1/8.
+"""
 
 SMALLEST_NORMAL: Final = float(np.finfo(np.float64).tiny)
 """Smallest normal float64."""
@@ -224,11 +199,10 @@ SMALLEST_NORMAL: Final = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True, eq=False)
 class Descriptor:
-    """Function sampled at the cell centers of a grid.
+    """Function sampled at the cell centers of a grid; its shape is the set where it is positive.
 
-    Its shape is the set where it is positive. Stores a read-only float64 copy of the values, shape grid.shape.
-
-    Raises InputError if the values do not have the shape of the grid, or one is not finite.
+    Stores a read-only float64 copy of the values, shape grid.shape. Raises InputError if the values do not have the
+    shape of the grid, or one is not finite.
     """
 
     grid: Grid
@@ -252,10 +226,7 @@ class Descriptor:
 
     @property
     def integral(self) -> float:
-        """Integral, as the sum over the cells.
-
-        It is the sum of the values times the area or volume of a cell.
-        """
+        """Integral: the sum of the values times the area or volume of a cell."""
         return float(self.values.sum() * self.grid.spacing**self.dim)
 
 
@@ -283,25 +254,16 @@ class BallDescriptor(Balls):
 
     @property
     def integral(self) -> float:
-        """Integral over the plane or space.
-
-        It is in metres to the power ``dim``.
-        """
+        """Integral over the plane or space, metres to the power ``dim``."""
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
     @property
     def center(self) -> Floats:
-        """Center of the bounding box of the centers.
-
-        Its shape is (d,), in metres.
-        """
+        """Center of the bounding box of the centers, shape (d,), metres."""
         return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
 
     def sample(self, grid: Grid) -> Descriptor:
-        """Evaluate the descriptor at the centers of cells.
-
-        Raises InputError if the dimensions differ.
-        """
+        """Evaluate the descriptor at the centers of cells; raises InputError if the dimensions differ."""
         check_same_dim("set of balls", self.dim, grid.dim)
         values = np.zeros(grid.shape)
         for window, squares in _ball_windows(self.centers, self.radii, grid):
@@ -309,9 +271,9 @@ class BallDescriptor(Balls):
         return Descriptor(grid, values)
 
     def round_radii(self, number: int, up: bool) -> BallDescriptor:
-        """Return balls with at most ``number`` different radii.
+        """Return balls with at most ``number`` different radii: each grows (``up``) or shrinks to the next of these.
 
-        Each radius grows (``up``) or shrinks to the next of these. Each radius serves about equally many balls.
+        Each radius serves about equally many balls.
         """
         if len(np.unique(self.radii)) <= number:
             return self
@@ -322,10 +284,7 @@ class BallDescriptor(Balls):
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
-    """Check the centers and radii of balls, and copy them.
-
-    The copies have shapes (n, dim) and (n,). Raises InputError if a radius is not above zero.
-    """
+    """Check and copy centers (n, dim) and radii (n,); raises InputError if a radius is not above zero."""
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
         hint = "drop balls that have no volume"
@@ -341,10 +300,9 @@ def check_same_dim(name: str, dim: int, other: int) -> None:
 
 
 def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
-    """Return the descriptor of an object with balls.
+    """Return the descriptor of balls given as for :class:`cspace.spectral.FourierOverlap`.
 
-    The object has centers and radii, is a robot of balls, or is a pair of arrays. `name` is the argument that messages
-    name. Raises InputError for anything else.
+    Raises InputError, which names the argument ``name``, for anything else.
     """
     pair: Any = source
     balls: Any
@@ -358,10 +316,9 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
 
 
 def common_bump(bump: Bump | None, *sources: object) -> Bump:
-    """Return the bump of several descriptors.
+    """Return the bump passed, or the common bump of the sources, or ``Bump()`` if there is none.
 
-    It is the bump passed, or the common bump of the sources. Sources without any bump give ``Bump()``. Raises
-    InputError if ``bump`` is no bump, or if it is None and the bumps of the sources differ.
+    Raises InputError if ``bump`` is no bump, or if it is None and the bumps of the sources differ.
     """
     bumps = {found for source in sources if isinstance(found := getattr(source, "bump", None), Bump)}
     if bump is None and len(bumps) > 1:
@@ -384,39 +341,32 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
     Raises InputError if shape and grid differ in dimension, or an array has the wrong shape or values other than 0 and
     1.
     """
-    return Descriptor(grid, np.asarray(_inside(shape, grid), dtype=np.float64))
-
-
-def _inside(shape: Any, grid: Grid) -> Bools:
-    """Return a mask of the cells whose center lies in a shape.
-
-    It has the shape of the grid. Raises InputError as :func:`indicator`.
-    """
-    balls = isinstance(shape, BallSet)
-    if hasattr(shape, "dtype") or isinstance(shape, list | tuple | int | float):
-        return check_cells(shape, "shape")
-    known: Any = shape if balls else as_shape(shape)
+    source: Any = shape
+    known: Any
+    balls = isinstance(source, BallSet)
+    if hasattr(source, "dtype") or isinstance(source, list | tuple | int | float):
+        return Descriptor(grid, check_cells(source, "shape").astype(np.float64))
+    known = source if balls else as_shape(source)
     check_same_dim("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
     if balls:
         inside = np.zeros(grid.shape, dtype=bool)
         for window, squares in _ball_windows(known.centers, np.maximum(known.radii, SMALLEST_NORMAL), grid):
             inside[window] |= squares <= 1.0
-        return inside
-    if not isinstance(known, ExactShape):
+    elif isinstance(known, ExactShape):
+        centers = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
+        inside = np.asarray(known.contains(np.stack(centers, axis=-1)))
+        if isinstance(known, Mesh):  # a mesh contains the points of only some of its faces, so mark them all
+            mark_touched(inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
+    else:
         problem, rule = "is bounded by an outer and an inner shape", "it must be an exact shape"
         raise InputError("shape", problem, rule, "pass shape.outer or shape.inner")
-    centers = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
-    inside = known.contains(np.stack(centers, axis=-1))
-    if isinstance(known, Mesh):  # a mesh contains the points of only some of its faces, so mark them all
-        mark_touched(inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
-    return np.asarray(inside)
+    return Descriptor(grid, inside.astype(np.float64))
 
 
 def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
-    """Yield the cells around each ball, with their distances.
+    """Yield the cells around each ball that meets the grid, with their distances.
 
-    ``centers`` has shape (n, d), ``radii`` (n,). For each ball, yields the slices of a window of cells, and the squared
-    distances of the cell centers in radii of the ball. Balls outside the grid are skipped.
+    Yields the slices of a window of cells, and the squared distances of the cell centers in radii of the ball.
     """
     lower = np.array(grid.lower)
     for center, radius in zip(centers, radii.tolist(), strict=True):
@@ -431,10 +381,7 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
-    """Return a descriptor, if it is sampled on a grid.
-
-    Raises InputError otherwise.
-    """
+    """Return a descriptor; raises InputError unless it is sampled on a grid."""
     if not isinstance(descriptor, Descriptor):
         problem, rule = f"is a {type(descriptor).__name__}, no Descriptor", "it must be sampled on a grid"
         hint = "make one with sample(grid) or indicator(shape, grid)"
@@ -472,9 +419,8 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     """Multiply descriptors sampled on one grid.
 
     A product of values other than zero that underflows becomes the smallest normal number, with its sign, so that
-    exactly the cells of the intersection are above zero.
-
-    Raises InputError if one is not sampled (the product of two bumps is no bump), or the grids differ.
+    exactly the cells of the intersection are above zero. Raises InputError if one is not sampled (the product of two
+    bumps is no bump), or the grids differ.
     """
     sampled = _on_one_grid((first, *others))
     factors = [each.values for each in sampled]
@@ -485,10 +431,9 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
 
 
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
-    """Return the cells in which a descriptor exceeds a threshold.
+    """Return the cells at whose centers a descriptor exceeds a threshold.
 
-    The value at the cell center counts. Raises InputError if the descriptor is not sampled, or the threshold is not one
-    finite number.
+    Raises InputError if the descriptor is not sampled, or the threshold is not one finite number.
     """
     level = check_finite(threshold, "threshold")
     if level.ndim:
@@ -551,54 +496,39 @@ def minkowski_sum(
     >>> bool(outer.covers(shapely.box(-0.5, -0.5, 2.5, 1.5))), round(inner.area, 6)
     (True, 6.0)
     """
+    from scipy.signal import convolve, convolve2d, fftconvolve
     from shapely import Geometry
 
     if isinstance(first, Geometry) and isinstance(second, Geometry):
         return sum_polygons(first, second)
     one, other = check_sampled(first), check_sampled(second)
-    f, g = one.grid, other.grid
-    if not _same_spacing(f, g):
-        problem = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
+    grid, f, g = one.grid, one.values, other.values
+    if not _same_spacing(grid, other.grid):
+        problem = f"has {other.dim} axes and a spacing of {other.grid.spacing:g} m, the first"
+        problem += f" {one.dim} and {grid.spacing:g} m"
         raise InputError("second", problem, "they must agree", "sample both on similar grids", value=second)
     check_word(method, "method", ("fft", "direct"))
-    lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
-    grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
-    return Descriptor(grid, _convolution(one.values, other.values, method) * f.spacing**f.dim)
-
-
-def _convolution(f: Floats, g: Floats, method: str) -> Floats:
-    """Convolve two arrays.
-
-    See the notes of :func:`minkowski_sum` for rounding.
-    """
-    from scipy.signal import convolve, convolve2d, fftconvolve
-
     if method == "fft":
         sums = np.asarray(fftconvolve(f, g))
     else:  # convolve2d is faster than the general loop
         sums = np.asarray(convolve2d(f, g) if f.ndim == 2 else convolve(f, g, method="direct"))
     are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
-        return np.asarray(np.rint(sums))
-    if (f < 0.0).any() or (g < 0.0).any():
-        return sums
-    pairs = fftconvolve((f > 0.0).astype(np.float64), (g > 0.0).astype(np.float64))
-    return np.where(pairs > 0.5, np.maximum(sums, SMALLEST_NORMAL), 0.0)
+        sums = np.rint(sums)
+    elif not ((f < 0.0).any() or (g < 0.0).any()):
+        pairs = fftconvolve((f > 0.0).astype(np.float64), (g > 0.0).astype(np.float64))
+        sums = np.where(pairs > 0.5, np.maximum(sums, SMALLEST_NORMAL), 0.0)
+    lower = np.add(grid.lower, other.grid.lower) + 0.5 * grid.spacing
+    return Descriptor(Grid(lower, grid.spacing, sums.shape), sums * grid.spacing**grid.dim)
 
 
 def _same_spacing(f: Grid, g: Grid) -> bool:
-    """Return True if two grids have the same spacing.
-
-    They must have the same dimension too.
-    """
+    """Return True if two grids have the same dimension and spacing."""
     return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
 
 
 def _on_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
-    """Check that descriptors are sampled on one grid.
-
-    Returns them. Raises InputError if one is not sampled, or the grids differ.
-    """
+    """Return descriptors; raises InputError if one is not sampled, or the grids differ."""
     sampled = [check_sampled(each) for each in descriptors]
     grid = sampled[0].grid
     for other in (each.grid for each in sampled):

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, overload
 
 import numpy as np
@@ -52,8 +52,6 @@ from cspace.spectral.trees import BallTree, ContactTest
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-MAX_DEFAULT_FREQUENCIES: Final = 2**21
-"""Largest number of frequencies of a band chosen automatically; opposite frequencies count once."""
 
 MAX_FREQUENCIES: Final = 2**26
 """Largest number of frequencies of a band that the caller chooses."""
@@ -61,55 +59,22 @@ MAX_FREQUENCIES: Final = 2**26
 MAX_WAVE_INDEX: Final = 2**15 - 1
 """Highest frequency along an axis, cycles per period, that int16 holds."""
 
-
 PERIOD_MARGIN: Final = 1e-6
 """Relative margin of the period, so that rounding cannot make any ball wrap around."""
 
-
-MAX_BALL_COORDINATE: Final = 1e40
-"""Largest coordinate in metres; above it, squares of volumes overflow."""
-
-MAX_PERIODS_FROM_ORIGIN: Final = 1e6
-"""Largest distance of the balls from the origin of their frame, in periods."""
-
-SERIES_TOLERANCE: Final = 1e-9
-"""Tolerance of the values at many placements, relative to the 2-norm of the terms."""
-
-MAX_SUMMED_PLACEMENTS: Final = 32
-"""Number of placements up to which sums are faster than a transform of the whole band."""
-
-ROTATION_TOLERANCE: Final = 1e-6
-"""Largest stretch by which a matrix may differ from a rotation."""
-
-
-MIN_PERIOD: Final = 1e-100
-"""Smallest period in metres; below it, squares of lengths may underflow."""
-
-LEVEL_RATIO: Final = 8.0
-"""Ratio of the numbers of frequencies of successive bands."""
-
-MIN_LEVEL_FREQUENCIES: Final = 2_000
-"""Size of a band below which no smaller band is tried first.
-
-The size is the product of the highest frequencies along the axes, cycles per period.
-"""
+BYTES_PER_LATTICE_STEP: Final = 40.0
+"""Upper bound of the memory for each step of the lattice of a field, bytes: its values, and spectra folded to it."""
 
 
 class Verdict(IntEnum):
-    """Whether two ball sets are apart.
-
-    Each method states what its verdict proves. ``bool(verdict)`` raises InputError.
-    """
+    """Whether two ball sets are apart; each method states what that proves. ``bool(verdict)`` raises."""
 
     MISS = 0
     HIT = 1
     UNDECIDED = 2
 
     def __bool__(self) -> bool:
-        """Raise InputError, because a verdict has three values.
-
-        MISS is 0, and UNDECIDED is no hit.
-        """
+        """Raise InputError: a verdict has three values, MISS is 0, and UNDECIDED is no hit."""
         rule, hint = "a verdict is neither true nor false", "compare it, e.g. verdict == Verdict.MISS"
         raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
 
@@ -203,15 +168,14 @@ class FourierOverlap:
         sides = (np.abs(second.centers - self._center_b) + second.radii[:, None]).max(axis=0)
         self._half_sides = (sides + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
         lengths = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
-        self._span = math.sqrt(self.dim) * (first.span + second.span)
-        if max(first.span, second.span) > min(MAX_BALL_COORDINATE, MAX_PERIODS_FROM_ORIGIN * float(lengths.min())):
-            far = max(first.span, second.span)
+        self._span, far = math.sqrt(self.dim) * (first.span + second.span), max(first.span, second.span)
+        if far > min(1e40, 1e6 * float(lengths.min())):  # above 1e40, squares of volumes overflow
             problem = f"or a reaches {far:g} m from the origin of its frame, but both span only {lengths.min():g} m"
             raise InputError("b", problem, "rounding would matter", "move the origin nearer, or check the units")
-        if lengths.max() < MIN_PERIOD:
+        if lengths.max() < 1e-100:
             problem, rule = f"and a span only {lengths.max():g} m", "squares would underflow"
             raise InputError("b", problem, rule, "check the units", value=b)
-        self._bands = _Bands(first, second, lengths, self._choose_halves(first, lengths, band, tolerance), within)
+        self._bands = _make_bands(first, second, lengths, self._choose_halves(first, lengths, band, tolerance), within)
         # Trees of the balls that prove misses, and trees of the balls that prove hits.
         self._trees = (self._make_trees(first, second),) * 2
 
@@ -284,39 +248,27 @@ class FourierOverlap:
     @property
     def lengths(self) -> tuple[float, ...]:
         """Period along each axis, metres."""
-        return tuple(self._bands.lengths.tolist())
+        return tuple(self._bands[-1].lengths.tolist())
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of frequencies along each axis, odd.
-
-        They are ``k / length``, k from ``-(count // 2)`` to ``count // 2``.
-        """
-        return tuple(2 * half + 1 for half in self._bands.halves)
+        """Number of frequencies ``k / length`` along each axis, odd; k up to ``count // 2`` on either side."""
+        return tuple(2 * half + 1 for half in self._bands[-1].halves)
 
     @property
     def frequencies(self) -> int:
-        """Number of frequencies in the band.
-
-        Opposite frequencies count once.
-        """
+        """Number of frequencies in the band; opposite ones count once."""
         return (math.prod(self.counts) + 1) // 2
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of the overlapping placements.
-
-        They bound the placements t, in metres, with any overlap; outside, the overlap is zero.
-        """
+        """Lower and upper corner, metres, of the placements with any overlap; outside, it is zero."""
         center = self._center_b - self._pivot
         return center - self._half_sides, center + self._half_sides
 
     @property
     def bound(self) -> float:
-        """Largest difference of :meth:`value` from the ideal overlap.
-
-        It includes the band limit and rounding.
-        """
+        """Largest difference of :meth:`value` from the ideal overlap: the band limit and rounding."""
         return float(self._levels[-1].terms.bounds[-1])
 
     @overload
@@ -336,17 +288,11 @@ class FourierOverlap:
         return sums[..., 0] if sums.ndim > 1 else float(sums[0])
 
     def gradient(self, t: ArrayLike) -> Floats:
-        """Compute the derivatives of :meth:`value`, shape (..., d).
-
-        They are in metres, or square metres in space.
-        """
+        """Compute the derivatives of :meth:`value`, shape (..., d), in metres, or square metres in space."""
         return self._sums(t, self._levels[-1].slopes)
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute :meth:`value` and :meth:`gradient` together.
-
-        This is faster. They have shapes (...) and (..., d).
-        """
+        """Compute :meth:`value`, shape (...), and :meth:`gradient`, shape (..., d), together, which is faster."""
         sums = self._sums(t, [self._levels[-1].sums, *self._levels[-1].slopes])
         return sums[..., 0], sums[..., 1:]
 
@@ -416,8 +362,8 @@ class FourierOverlap:
     ) -> tuple[int, ...]:
         """Return the highest frequency along each axis, cycles per period.
 
-        It follows from ``band``, cycles per metre, or is chosen by ``tolerance``; see the class. ``lengths``, shape
-        (d,), are the periods. Raises InputError if the band is too large.
+        It follows from ``band``, or is chosen by ``tolerance``; see the class. Raises InputError if the band is too
+        large.
         """
         if band is not None:
             highest = check_positive(band, "band", "cycles per metre")
@@ -425,7 +371,7 @@ class FourierOverlap:
             typical = np.median(a.radii, keepdims=True), np.median(self._b.radii, keepdims=True)
             scale = self.threshold or float(pair_integrals(a.bump, *typical, np.maximum(*typical), self.dim)[0][0])
             highest = estimate_band(a, self._b, check_positive(tolerance, "tolerance", "parts") * scale)
-            fitting = 0.5 * (2.0 * MAX_DEFAULT_FREQUENCIES / float(np.prod(lengths))) ** (1.0 / self.dim)
+            fitting = 0.5 * (2.0**22 / float(np.prod(lengths))) ** (1.0 / self.dim)
             highest = min(highest, fitting, MAX_WAVE_INDEX / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
         if math.prod(2 * half + 1 for half in halves) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
@@ -434,14 +380,9 @@ class FourierOverlap:
         return halves
 
     def _make_trees(self, a: BallDescriptor, b: BallDescriptor) -> tuple[BallTree, BallTree]:
-        """Build trees of the balls of A and B.
-
-        Coordinates are relative to the centers of A and B that placements join. A is not rotated.
-        """
-        return (
-            BallTree.of(a.centers - self._original.center, a.radii),
-            BallTree.of(b.centers - self._center_b, b.radii),
-        )
+        """Build trees of the balls of A and B, about the centers that placements join; A is not rotated."""
+        centers_a, centers_b = a.centers - self._original.center, b.centers - self._center_b
+        return BallTree.of(centers_a, a.radii), BallTree.of(centers_b, b.radii)
 
     @cached_property
     def _contact_test(self) -> ContactTest:
@@ -458,133 +399,109 @@ class FourierOverlap:
     @cached_property
     def _levels(self) -> list[_Level]:
         """Terms of the overlap in each band, the smallest band first."""
-        first = self._original
-        a = BallDescriptor(first.centers @ self._rotation.T, first.radii, first.bump)
-        return [_Level(band, a, self._pivot, self._placement_error) for band in self._bands.by_size]
+        centers = self._original.centers @ self._rotation.T
+        return [_Level(band, centers, self._pivot, self._placement_error) for band in self._bands]
 
     def _relative(self, placements: Floats) -> Floats:
-        """Return the placements of A's center relative to B's center.
-
-        Both have shape (n, d), metres.
-        """
+        """Return the placements of A's center relative to B's center; both (n, d), metres."""
         return np.asarray((placements + self._pivot) - self._center_b)
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
-        """Sum several lists of terms at placements.
-
-        ``t`` has shape (..., d), metres; the result has shape (..., sums). Sums are 0 outside the domain.
-        """
+        """Sum several lists of terms at placements (..., d), shape (..., sums); 0 outside the domain."""
         placements = check_points(t, "t", self.dim)
         relative = self._relative(placements.reshape(-1, self.dim))
         inside = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
         out, rings = np.zeros((len(relative), len(sums))), self._levels[-1].band.rings
         # A transform evaluates all frequencies at many placements at once; few placements are summed ring by ring.
-        if len(inside) > MAX_SUMMED_PLACEMENTS:
+        if len(inside) > 32:
             boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
-            out[inside] = evaluate_real_series(
-                2.0 * math.pi * relative[inside] / rings.lengths, boxes, SERIES_TOLERANCE
-            ).T
+            out[inside] = evaluate_real_series(2.0 * math.pi * relative[inside] / rings.lengths, boxes, 1e-9).T
         else:
             for column, terms in enumerate(sums):
                 out[inside, column] = separate_all(relative[inside], terms, math.nan)[2][:, 0]
         return out.reshape(*placements.shape[:-1], len(sums))
 
 
-class _Bands:
-    """Bands of frequencies, shared by all rotations of A.
+@dataclass(eq=False)
+class _Band:
+    """One band of frequencies, shared by all rotations of A, and the spectrum of B in it.
 
-    They are computed at first use.
+    ``lengths``, shape (d,), are the periods, metres; ``norms`` returns the integrals of the squared descriptors of A
+    and B, each with its error.
     """
 
-    def __init__(
-        self, a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...], accuracy: float
-    ) -> None:
-        self.a, self.b, self.lengths, self.halves, self.accuracy = a, b, lengths, halves, accuracy
-
-    @cached_property
-    def norms(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Integrals of the squared descriptors, with errors.
-
-        The first pair is for A, the second for B.
-        """
-        return norm_square(self.a), norm_square(self.b)
-
-    @cached_property
-    def by_size(self) -> list[_Band]:
-        """All bands, the smallest first.
-
-        The last one is the whole band; each has an eighth of the frequencies of the next. Small bands decide most
-        queries.
-        """
-        found = [self.halves]
-        while math.prod(found[-1]) > MIN_LEVEL_FREQUENCIES:
-            found.append(tuple(math.ceil(half / LEVEL_RATIO ** (1.0 / len(found[-1]))) for half in found[-1]))
-        return [_Band(self, halves) for halves in reversed(found)]
-
-
-class _Band:
-    """One band, and the spectrum of B in it."""
-
-    def __init__(self, shared: _Bands, halves: tuple[int, ...]) -> None:
-        self.shared, self.halves = shared, halves
+    a: BallDescriptor
+    b: BallDescriptor
+    lengths: Floats
+    halves: tuple[int, ...]
+    accuracy: float
+    norms: Callable[[], list[tuple[float, float]]]
 
     @cached_property
     def rings(self) -> Rings:
         """Frequencies of the band, ring by ring."""
-        return Rings.of(self.shared.lengths, self.halves)
+        return Rings.of(self.lengths, self.halves)
 
     @cached_property
     def spectrum_b(self) -> Spectrum:
         """Spectrum of B in the band."""
-        return Spectrum.of(self.shared.b, self.shared.b.center, self.rings, self.shared.accuracy)
+        return Spectrum.of(self.b, self.b.center, self.rings, self.accuracy)
 
     @cached_property
     def tail_b(self) -> float:
         """Upper bound of the energy of B outside the band."""
-        return self.spectrum_b.tail(self.rings, self.shared.norms[1])
+        return self.spectrum_b.tail(self.rings, self.norms()[1])
+
+
+def _make_bands(
+    a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...], accuracy: float
+) -> list[_Band]:
+    """Return all bands, the smallest first; small bands decide most queries.
+
+    The last one is the whole band. Each has an eighth of the frequencies of the next, down to about 2,000.
+    """
+    found, norms = [halves], cache(lambda: [norm_square(a), norm_square(b)])
+    while math.prod(found[-1]) > 2_000:
+        found.append(tuple(math.ceil(half / 8.0 ** (1.0 / len(halves))) for half in found[-1]))
+    return [_Band(a, b, lengths, each, accuracy, norms) for each in reversed(found)]
 
 
 class _Level:
-    """Terms of the overlap at one rotation of A.
+    """Terms of the overlap in one band at one rotation of A.
 
-    The terms are those in one band. ``pivot``, shape (d,), is the center of A, and ``error`` the error of placements,
-    metres.
+    ``centers``, shape (n, d), are the rotated centers of A's balls, ``pivot``, shape (d,), is the center of A, and
+    ``error`` is the error of placements, metres.
     """
 
-    def __init__(self, band: _Band, a: BallDescriptor, pivot: Floats, error: float) -> None:
-        self.band, self._a, self._pivot, self._error = band, a, pivot, error
+    def __init__(self, band: _Band, centers: Floats, pivot: Floats, error: float) -> None:
+        self.band, self._a, self._pivot = band, BallDescriptor(centers, band.a.radii, band.a.bump), pivot
+        self._error = error
 
     @cached_property
     def _spectrum(self) -> Spectrum:
         """Spectrum of A in the band."""
-        return Spectrum.of(self._a, self._pivot, self.band.rings, self.band.shared.accuracy)
+        return Spectrum.of(self._a, self._pivot, self.band.rings, self.band.accuracy)
 
     @cached_property
     def sums(self) -> Terms:
-        """Terms for values, without bounds of the remainder.
-
-        The remainder is the sum of the terms of all frequencies outside the band.
-        """
+        """Terms for values, without bounds of the frequencies outside the band."""
         return Terms.of(self._spectrum, self.band.spectrum_b, self.band.rings, self._error, 0.0)
 
     @cached_property
     def terms(self) -> Terms:
-        """Terms for verdicts, with bounds of the remainder."""
-        tail = self._spectrum.tail(self.band.rings, self.band.shared.norms[0])
-        return self.sums._replace(
-            bounds=self.sums.bounds + BOUND_ROUNDING * math.sqrt(tail) * math.sqrt(self.band.tail_b)
-        )
+        """Terms for verdicts, with bounds of all frequencies."""
+        tail = math.sqrt(self._spectrum.tail(self.band.rings, self.band.norms()[0])) * math.sqrt(self.band.tail_b)
+        return self.sums._replace(bounds=self.sums.bounds + BOUND_ROUNDING * tail)
 
     @cached_property
     def twists(self) -> list[Terms]:
-        """Terms of the derivative by rotations of A.
+        """Terms of the derivative by rotations of A about the origin of its frame.
 
-        A rotates about the origin of its frame. A rotation by the vector e moves a ball around p by ``e x p``, so F_A
-        changes by ``-2 pi i w.(e x p)`` times the ball's part. The sums of ``p`` times these parts are spectra of
-        weighted balls.
+        A rotation by the vector e moves a ball around p by ``e x p``, so F_A changes by ``-2 pi i w.(e x p)`` times the
+        ball's part. The sums of ``p`` times these parts are spectra of weighted balls.
         """
-        rings, shared, a = self.band.rings, self.band.shared, self._a
-        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, shared.accuracy
+        rings, a = self.band.rings, self._a
+        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, self.band.accuracy
         moments = [rings.to_rings(ball_spectrum(*shape, weights=column)) for column in a.centers.T]
         waves = (rings.indices / rings.lengths).T
         pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
@@ -604,10 +521,9 @@ class _Level:
 
 
 def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
-    """Return the nearest rotation matrix.
+    """Return the nearest rotation matrix to an angle in the plane, a matrix or a scipy Rotation.
 
-    Its shape is (dim, dim). ``rotation`` is an angle in the plane, a matrix or a scipy Rotation; InputError is raised
-    for anything else.
+    Raises InputError for anything else.
     """
     values = check_finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
     if dim == 2 and values.ndim == 0:
@@ -615,15 +531,11 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
         return np.array([[cosine, -sine], [sine, cosine]])
     if values.shape == (dim, dim):
         left, stretch, right = np.linalg.svd(values)
-        if np.abs(stretch - 1.0).max() <= ROTATION_TOLERANCE and np.linalg.det(values) > 0.0:
+        if np.abs(stretch - 1.0).max() <= 1e-6 and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
     kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[dim - 2]
     rule = f"it must be {kinds} or a rotation matrix of shape {dim, dim}"
     raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)
-
-
-BYTES_PER_LATTICE_STEP: Final = 40.0
-"""Upper bound of the memory for each step of the lattice of a field, bytes: its values, and spectra folded to it."""
 
 
 class _CellValues:
@@ -639,18 +551,15 @@ class _CellValues:
 
         shape = tuple(next_fast_len(math.ceil(length / grid.spacing), real=True) for length in overlap.lengths)
         check_memory(BYTES_PER_LATTICE_STEP * float(count_cells(shape)), "the lattice of the overlap field", grid)
-        bands, lengths = overlap._bands, grid.spacing * np.array(shape)
-        halves = np.ceil(bands.halves * lengths / bands.lengths).astype(np.int64)
+        band, lengths = overlap._bands[-1], grid.spacing * np.array(shape)
+        halves = tuple(np.ceil(band.halves * lengths / band.lengths).astype(np.int64).tolist())
         self._grid, self.overlap = grid, copy.copy(overlap)
-        self.overlap._bands = _Bands(bands.a, bands.b, lengths, tuple(halves.tolist()), bands.accuracy)
+        self.overlap._bands = _make_bands(band.a, band.b, lengths, halves, band.accuracy)
         self.overlap.__dict__.pop("_levels", None)
-        self._correlation = Correlation(bands.a, bands.b, lengths, self.overlap.counts, shape, bands.accuracy)
+        self._correlation = Correlation(band.a, band.b, lengths, self.overlap.counts, shape, band.accuracy)
 
     def write(self, matrix: Floats | None, out: Floats) -> None:
-        """Write the overlaps at a rotation of A.
-
-        ``out`` has the shape of the grid, and stays as it is where the balls cannot meet.
-        """
+        """Write the overlaps at a rotation of A to ``out``, shaped as the grid, where the balls can meet."""
         overlap = self.overlap if matrix is None else self.overlap.rotated(matrix)
         (low, high), inside = overlap.domain, []
         for axis in range(overlap.dim):
@@ -663,10 +572,7 @@ class _CellValues:
 
 
 class Space(Protocol):
-    """Attributes of a map that a field needs.
-
-    :class:`cspace.CSpace` has them.
-    """
+    """Attributes of a map, such as :class:`cspace.CSpace`, that a field needs; the last one is for kernels."""
 
     @property
     def grid(self) -> Grid:
@@ -677,8 +583,7 @@ class Space(Protocol):
         """Rotation cells of the map."""
 
     @property
-    def _kernel_map(self) -> Map:
-        """The map as kernels take it."""
+    def _kernel_map(self) -> Map: ...
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -731,10 +636,7 @@ class OverlapField:
 
     @property
     def cells(self) -> Floats:
-        """Overlap by slice, for kernels.
-
-        Its shape is (slices, nx, ny(, nz)).
-        """
+        """Overlap by slice, for kernels, shape (slices, nx, ny(, nz))."""
         return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
 
     @overload
@@ -744,13 +646,11 @@ class OverlapField:
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
-        """Interpolate the overlap at configurations.
+        """Interpolate the overlap at configurations (..., size), in metres and radians; shape (...).
 
-        They have shape (..., size), in metres and radians. The result has shape (...). The interpolation is linear
-        between cell centers and never negative. Outside the grid it uses the nearest value; rotations use the value of
-        their cell.
-
-        Raises InputError if the last axis is not as long, or a value is NaN or infinite.
+        The interpolation is linear between cell centers and never negative. Outside the grid it uses the nearest value;
+        rotations use the value of their cell. Raises InputError if the last axis is not as long, or a value is NaN or
+        infinite.
         """
         overlaps: float | Floats = evaluate_batch(
             q, self._size, in_threaded_chunks(partial(fields_at, *self._fixed())), np.float64, float
@@ -758,10 +658,7 @@ class OverlapField:
         return overlaps
 
     def checker(self) -> Callable[..., float]:
-        """Return a fast, unchecked :meth:`at`.
-
-        Call it as ``check(*q)``, with finite floats; it returns a float.
-        """
+        """Return a fast, unchecked :meth:`at`; call it as ``check(*q)``, with finite floats."""
         check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
         return check
 
@@ -782,10 +679,7 @@ def _shape(space: Space) -> tuple[int, ...]:
 
 @kernel
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
-    """Interpolate a field at a configuration.
-
-    ``values`` has the shape of the map's states. The interpolation is linear between the nearest 2^d cell centers.
-    """
+    """Interpolate a field, shaped as the map's states, between the nearest 2^d cell centers."""
     dim = len(map_.lower)
     # The lower cell of the interpolation, and the position between it and the upper cell, from 0 to 1, along each axis.
     cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
@@ -820,10 +714,7 @@ class Field(NamedTuple):
 
 @kernel
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
-    """Apply :func:`field_at` to many configurations.
-
-    ``points`` has shape (n, size), ``out`` (n,). Returns the index of the first invalid configuration, or -1.
-    """
+    """Write :func:`field_at` of points (n, size) to out (n,); return the first invalid index, or -1."""
     for k in range(len(points)):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):

@@ -29,11 +29,7 @@ from cspace.spectral.descriptors import (
     union,
 )
 from cspace.spectral.overlap import FourierOverlap, rotation_matrix
-from cspace.spectral.spectra import (
-    Correlation,
-    PairIntegrals,
-    norm_square,
-)
+from cspace.spectral.spectra import Correlation, norm_square, tabulated_integrals
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -44,38 +40,15 @@ MAX_SEARCH_FREQUENCIES: Final = 2**18
 SEARCH_ACCURACY: Final = 1e-5
 """Accuracy of the spectra of a search, relative to their largest values; the scores returned do not depend on it."""
 
-SPARE_PLACEMENTS: Final = 8
-"""Placements refined beyond twice those asked for, because some climb to one peak."""
-
-SPARE_SEPARATION: Final = 0.5
-"""Distance of placements that are refined, relative to the distance of those returned."""
-
-MAX_ASCENT_STEPS: Final = 40
-"""Largest number of steps by which a placement is refined."""
-
-MAX_ASCENT_LENGTH: Final = 2.0
-"""Length of the longest steps, in spacings of the lattice."""
-
-ASCENT_TOLERANCE: Final = 1e-3
-"""Length of the last steps, in spacings of the lattice."""
-
-PAIRS_PER_BATCH: Final = 2**20
-"""Pairs of balls whose distances are held at once."""
+ASCENT_LENGTHS: Final = (1e-3, 2.0)
+"""Length of the last steps and of the longest steps of an ascent, in spacings of the lattice."""
 
 
 class Placements(NamedTuple):
     """Placements of a ball set A and their scores, best first.
 
-    A point p of A lies at ``rotations[k] @ p + translations[k]``.
-
-    Attributes
-    ----------
-    scores, bounds : ndarray, shape (n,)
-        Score of each placement, square or cubic metres, and its largest difference from the ideal score.
-    translations : ndarray, shape (n, d)
-        Metres.
-    rotations : ndarray, shape (n, d, d)
-        Rotation matrices.
+    A point p of A lies at ``rotations[k] @ p + translations[k]``: matrices (n, d, d), and metres (n, d). ``scores``,
+    shape (n,), are in square or cubic metres, and ``bounds`` their largest differences from the ideal scores.
     """
 
     scores: Floats
@@ -85,18 +58,13 @@ class Placements(NamedTuple):
 
     @property
     def configurations(self) -> Floats:
-        """Placements as configurations of maps.
+        """Placements as configurations of maps: (x, y, yaw), or x, y, z and a quaternion (x, y, z, w)."""
+        from scipy.spatial.transform import Rotation
 
-        They are (x, y, yaw), or x, y, z and a quaternion (x, y, z, w).
-        """
         if self.translations.shape[1] == 2:
             angles = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
-        elif len(self.scores):
-            from scipy.spatial.transform import Rotation
-
-            angles = Rotation.from_matrix(self.rotations).as_quat()
         else:
-            angles = np.empty((0, 4))
+            angles = Rotation.from_matrix(self.rotations).as_quat() if len(self.scores) else np.empty((0, 4))
         return np.column_stack([self.translations, angles])
 
 
@@ -176,17 +144,17 @@ def best_placements(
     score = _Score(body, union(target, *others), weights, band, tolerance)
     matrices = _rotation_matrices(rotations, body.dim)
     apart = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
-    most, found = 2 * number + SPARE_PLACEMENTS, _Poses.none(body.dim)
+    # More placements are refined than returned, and closer ones, because some climb to one peak.
+    most, found = 2 * number + 8, _Poses.none(body.dim)
     for matrix in matrices:
         floor = found.scores[-1] if len(found.scores) == most else 0.0
-        found = found.append(score.peaks(matrix, float(floor), most)).distinct(
-            score.root, SPARE_SEPARATION * apart, most
-        )
+        found = found.append(score.peaks(matrix, float(floor), most)).distinct(score.root, 0.5 * apart, most)
     found = score.climb(found, refine_rotations).distinct(score.root, apart, number)
     scores, bounds = score.sum_pairs(found)
     best = np.argsort(-scores, kind="stable")
     best = best[scores[best] > bounds[best]]
-    return Placements(scores[best], bounds[best], score.translations(found)[best], found.rotations[best])
+    translations = found.centers - found.rotations @ score.centroid
+    return Placements(scores[best], bounds[best], translations[best], found.rotations[best])
 
 
 class BallFields:
@@ -203,17 +171,13 @@ class BallFields:
 
     @cached_property
     def _splines(self) -> list[Floats]:
-        """Spline coefficients of the field of each term.
-
-        In the plane, the last axis has length one.
-        """
+        """Spline coefficients of the field of each term; in the plane, the last axis has length one."""
         return [field.reshape(*field.shape, *[1] * (3 - self._dim)) for field in self._correlation.splines()]
 
     def evaluate(self, centers: Floats) -> Floats:
-        """Return the overlap of each moving ball, and its derivatives along the axes.
+        """Return the overlap of each moving ball, and its derivatives along the axes, shape (n, k, 1 + d).
 
-        ``centers``, shape (n, k, d), are the places of the k balls, metres. The result has shape (n, k, 1 + d). Fields
-        repeat with the period.
+        ``centers``, shape (n, k, d), are the places of the k balls, metres. Fields repeat with the period.
         """
         places = np.zeros((*centers.shape[:2], 3))
         places[..., : self._dim] = (centers - self._center) * self._cells_per_metre
@@ -289,10 +253,7 @@ class BallPenetration:
 
 
 class _Poses(NamedTuple):
-    """Poses of A, with their scores.
-
-    The fields are scores (n,), positions of the centroid of its balls (n, d), and matrices (n, d, d).
-    """
+    """Poses of A: scores (n,), positions of the centroid of its balls (n, d), and matrices (n, d, d)."""
 
     scores: Floats
     centers: Floats
@@ -312,11 +273,10 @@ class _Poses(NamedTuple):
         return _Poses(*map(np.concatenate, zip(self, other, strict=True)))
 
     def distinct(self, root: Floats, apart: float, most: int) -> _Poses:
-        """Return the best poses that are distinct.
+        """Return the best poses, at most ``most``, none within a displacement of a better one.
 
-        There are at most ``most``, best first, none within a displacement of a better one. The displacement is the root
-        mean square over the balls of A. ``root`` is the square root C^(1/2) of the covariance of their centers: the
-        displacement of poses (c, R) is the distance of the vectors (c, R C^(1/2)).
+        The displacement is the root mean square over the balls of A. ``root`` is the square root C^(1/2) of the
+        covariance of their centers: the displacement of poses (c, R) is the distance of the vectors (c, R C^(1/2)).
         """
         vectors = np.column_stack([self.centers, (self.rotations @ root).reshape(len(self.scores), root.size)])
         chosen: list[int] = []
@@ -331,9 +291,8 @@ class _Poses(NamedTuple):
 class _Score:
     """Score of A at any pose: its overlap with weighted balls.
 
-    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with
-    spectrum ``F_B g``, the score is the sum of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no
-    spectrum of A: it takes cubic splines of G.
+    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``, the score is the sum
+    of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no spectrum of A: it takes cubic splines of G.
     """
 
     def __init__(
@@ -355,18 +314,8 @@ class _Score:
         self.root = axes * np.sqrt(np.maximum(values, 0.0)) @ axes.T
         self.gyration = math.sqrt(float(values.sum() + (body.radii**2).mean()))
 
-    def translations(self, poses: _Poses) -> Floats:
-        """Return the translations of poses.
-
-        They are about the origin of A's frame, shape (n, d).
-        """
-        return np.asarray(poses.centers - poses.rotations @ self.centroid)
-
     def peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
-        """Return the highest local maxima at one rotation.
-
-        They lie on a lattice of translations, above a score.
-        """
+        """Return the highest local maxima above a score, on a lattice of translations, at one rotation."""
         from scipy.ndimage import maximum_filter
 
         values = self.correlation.values(matrix)
@@ -392,28 +341,25 @@ class _Score:
         sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
         inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
         live = np.arange(len(slopes))
-        for _ in range(MAX_ASCENT_STEPS):
+        for _ in range(40):
             steps = np.einsum("nij,nj->ni", inverse[live], slopes[live])
             lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
             steps *= np.minimum(1.0, trust[live] / lengths)[:, None]
-            moving = lengths > ASCENT_TOLERANCE * spacing
+            moving = lengths > ASCENT_LENGTHS[0] * spacing
             live, steps, lengths = live[moving], steps[moving], np.minimum(lengths, trust[live])[moving]
             if not len(live):
                 break
             tried, others = self._scored(self._moved(poses.select(live), steps), turn)
             inverse[live] = _update_inverse(inverse[live], steps, slopes[live] - others)
             better = tried.scores > poses.scores[live]
-            trust[live] = np.where(better, np.minimum(2.0 * lengths, MAX_ASCENT_LENGTH * spacing), 0.3 * lengths)
+            trust[live] = np.where(better, np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing), 0.3 * lengths)
             slopes[live[better]] = others[better]
             for column, new in zip(poses, tried, strict=True):
                 column[live[better]] = new[better]
         return poses
 
     def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
-        """Move poses by steps.
-
-        Steps are translations (n, d), or translations and rotations about the centroid, (n, 3) or (n, 6).
-        """
+        """Move poses by translations (n, d), or by translations and rotations about the centroid, (n, 3) or (n, 6)."""
         rotations, turns = poses.rotations, steps[:, self.dim :] / self.gyration
         if turns.shape[1] == 1:
             cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
@@ -425,10 +371,7 @@ class _Score:
         return poses._replace(centers=poses.centers + steps[:, : self.dim], rotations=rotations)
 
     def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
-        """Score poses, and compute the derivatives of scores.
-
-        The derivatives are with respect to the steps of :meth:`_moved`, shape (n, 2), (n, 3) or (n, 6).
-        """
+        """Score poses, and compute the derivatives by the steps of :meth:`_moved`, shape (n, 2), (n, 3) or (n, 6)."""
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
         sums = self.fields.evaluate(poses.centers[:, None] + arms)
         scores, forces = sums[..., 0].sum(axis=1), sums[..., 1:]
@@ -440,22 +383,19 @@ class _Score:
         return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(parts, axis=1)
 
     def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
-        """Return the ideal scores of poses and bounds of their errors.
-
-        Both have shape (n,). Scores are summed over pairs of balls.
-        """
+        """Return the ideal scores of poses, sums over pairs of balls, and bounds of their errors, shape (n,)."""
         body, target = self.body.radii, self.target.radii
         far = float(np.abs(poses.centers).max(initial=0.0))
         shift = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + far)
         found: list[Floats] = []
         for pose, (center, matrix) in enumerate(zip(poses.centers, poses.rotations, strict=True)):
             moved = self.arms @ matrix.T + center
-            for part in np.array_split(np.arange(len(body)), math.ceil(len(body) * len(target) / PAIRS_PER_BATCH)):
+            for part in np.array_split(np.arange(len(body)), math.ceil(len(body) * len(target) / 2**20)):
                 gaps = np.linalg.norm(moved[part, None] - self.target.centers, axis=2)
                 i, j = np.nonzero(gaps < body[part, None] + target + shift)
                 found.append(np.stack([np.full(len(i), pose), body[part][i], target[j], gaps[i, j], self.weights[j]]))
         rows, first, second, distances, weights = np.concatenate([np.empty((5, 0)), *found], axis=1)
-        values, errors = PairIntegrals(self.body.bump, self.dim).at(first, second, distances)
+        values, errors = tabulated_integrals(self.body.bump, first, second, distances, self.dim)
         # The common part of two balls changes by at most a cross-section of the smaller one times a change of distance.
         edges = {2: 2.0, 3: math.pi}[self.dim] * np.minimum(first, second) ** (self.dim - 1)
         errors += shift * edges + 2.0**-40 * np.abs(values)
@@ -468,11 +408,10 @@ class _Score:
 def add_slopes(
     spline: Floats, places: Floats, members: NDArray[np.intp], strengths: Floats, weights: Floats, out: Floats
 ) -> None:
-    """Add a spline and its derivatives at places.
+    """Add a periodic cubic spline, times strengths, and its derivatives at some of the places (n, k, 3), in cells.
 
-    A periodic cubic spline, times strengths, is evaluated at some of the places (n, k, 3), in cells. ``spline``, shape
-    (nx, ny, nz), are its coefficients. ``out`` has shape (n, k, 4): the value, and the derivatives along the axes, per
-    cell. ``weights``, shape (3, 2, 4), is scratch.
+    ``spline``, shape (nx, ny, nz), are its coefficients. ``out`` has shape (n, k, 4): the value, and the derivatives
+    along the axes, per cell. ``weights``, shape (3, 2, 4), is scratch.
     """
     for n in range(len(places)):
         for member in range(len(members)):
@@ -501,11 +440,7 @@ def add_slopes(
 
 
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
-    """Update negated inverse Hessians after steps, by BFGS.
-
-    Hessians have shape (n, k, k), ``steps`` (n, k). ``changes``, shape (n, k), are the slopes before the steps minus
-    the slopes after them.
-    """
+    """Update negated inverse Hessians (n, k, k) by steps (n, k) and the falls of slopes (n, k), by BFGS."""
     products = (steps * changes).sum(axis=1)
     usable = products > 1e-10 * np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
     rho = np.where(usable, 1.0 / np.where(usable, products, 1.0), 0.0)[:, None, None]
@@ -514,10 +449,7 @@ def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
 
 
 def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
-    """Return rotations as matrices, shape (m, d, d).
-
-    They are given as for :func:`best_placements`.
-    """
+    """Return rotations, as for :func:`best_placements`, as matrices (m, d, d)."""
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
         cells._check_dimension(dim)

@@ -14,7 +14,7 @@ from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.exact.triangles import build_trees
 from cspace.grid import Grid
-from cspace.kernels import point_segment, point_triangle, row_at
+from cspace.kernels import box_distance, point_segment, point_triangle, row_at
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
 from cspace.spectral.trees import BallTree
@@ -23,23 +23,14 @@ from cspace.threads import in_chunks
 BOUNDARY_ROUNDING: Final = 2.0**-44
 """Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly unused."""
 
-
 NORMAL_ROUNDING: Final = 2.0**-36
-"""Additional rounding error of a distance from triangles that are not thin, relative to the size of the shape."""
-
+"""Additional rounding error of distances from triangles that are not thin, relative to the size of the shape."""
 
 THIN_HEIGHT: Final = 2.0**-12 * (1.0 + 2.0**-20)
-"""Height of a thin triangle, relative to its longest side.
-
-A distance from a triangle of at most this height may be too small by as much.
-"""
-
+"""Height of thin triangles, relative to their longest side; distances from them may be too small by as much."""
 
 MIN_DEPTHS_PER_THREAD: Final = 4_000
 """Points per thread below which a further thread costs more time than it saves."""
-
-MAX_PIECES_PER_LEAF: Final = 6
-"""Largest number of pieces in a leaf of the tree."""
 
 MAX_PENDING_NODES: Final = 64
 """Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces."""
@@ -47,28 +38,17 @@ MAX_PENDING_NODES: Final = 64
 MAX_LATTICE_CELLS: Final = 2**24
 """Largest number of cells of the lattice over a shape's bounding box."""
 
-BYTES_PER_LATTICE_CELL: Final = 64
-"""Upper bound of the memory per lattice cell, bytes."""
-
 MAX_CELLS_PER_TOLERANCE: Final = {2: 12.0, 3: 6.0}
 """Largest ratio of the tolerance to the side of a lattice cell, by dimension."""
 
 MIN_CELLS_PER_TOLERANCE: Final = 2.6
-"""Smallest ratio of the tolerance to the side of a lattice cell; the diagonal of a cell must be well below the
-tolerance."""
+"""Smallest ratio of the tolerance to the side of a cell, whose diagonal must be well below the tolerance."""
 
-USUAL_LATTICE_CELLS: Final = {
-    2: 150_000,
-    3: 120_000,
-}
+USUAL_LATTICE_CELLS: Final = {2: 150_000, 3: 120_000}
 """Cells of the bounding box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension."""
-
-VOLUME_CELLS: Final = 2**23
-"""Number of cells of the grid with which a volume is bounded."""
 
 MAX_REFINED_CELLS: Final = 2**20
 """Cells of the bounding box up to which the lattice of a thin shape is refined."""
-
 
 MIN_BOX_CELLS: Final = {2: 40_000, 3: 80_000}
 """Smallest number of cells of the bounding box, by dimension."""
@@ -79,21 +59,8 @@ MIN_SHAPE_CELLS: Final = {2: 15_000, 3: 20_000}
 BOX_CELLS_PER_BALL: Final = {2: 100, 3: 60}
 """Smallest number of cells of the bounding box for each ball, by dimension."""
 
-
 MEASURE_ROUNDING: Final = 2.0**-40
 """Rounding error of a length or an area, relative to the whole."""
-
-UNION_ERROR: Final = 1e-9
-"""Relative error of the area of a union of polygons, because GEOS may snap corners."""
-
-DISC_CORNERS: Final = 2**16
-"""Total number of corners of the polygons that approximate discs; each polygon has 64 to 1024."""
-
-GAP_TOLERANCE: Final = 0.02
-"""Relative difference of the bounds of a distance at which the search stops."""
-
-SIZE_TOLERANCE: Final = 1e-4
-"""Difference of the bounds of a distance at which the search stops, relative to the size of the shape."""
 
 MAX_GAP_HALVINGS: Final = 14
 """Largest number of times that the boxes that bound a distance are halved."""
@@ -101,15 +68,12 @@ MAX_GAP_HALVINGS: Final = 14
 MAX_GAP_BOXES: Final = 4_000_000
 """Largest number of boxes processed at once."""
 
-DIRECTIONS_PER_BALL: Final = 200
-"""Number of points of each sphere whose distance from the shape is measured."""
-
 
 class ShapeBoundary:
-    """Boundary of an exact shape, and distances from it.
+    """Boundary of an exact shape, and distances from it, in metres.
 
     Shapes of the plane are placed in space at x = 0. ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), contain the
-    boundary and possibly more. ``error`` is the largest error of a distance. All lengths are in metres.
+    boundary and possibly more. ``error`` is the largest error of a distance.
     """
 
     def __init__(self, shape: ExactShape) -> None:
@@ -126,10 +90,7 @@ class ShapeBoundary:
 
     @cached_property
     def measure(self) -> tuple[float, float]:
-        """Lower and upper bound of the area or volume.
-
-        They differ if the bodies of a mesh may overlap.
-        """
+        """Lower and upper bound of the area or volume; they differ if the bodies of a mesh may overlap."""
         if not self.shape.encloses:
             return 0.0, 0.0
         closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]
@@ -138,28 +99,18 @@ class ShapeBoundary:
         return _bound_volume(self.shape)
 
     def depths(self, points: Floats) -> Floats:
-        """Compute lower bounds of the signed distances from the boundary.
-
-        Distances are positive inside the shape. ``points`` has shape (n, d), the result (n,), metres.
-        """
+        """Compute lower bounds of the depths of points (n, d) in the shape, metres, negative outside."""
         near, far = self._distances(points)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
-        """Compute lower bounds of the distances to the shape, at most ``cap``.
-
-        ``points`` has shape (n, d), the result (n,), metres; 0 inside the shape.
-        """
+        """Compute lower bounds of the distances of points (n, d) to the shape, metres, at most ``cap``; 0 inside."""
         outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
         gaps[outside] = np.maximum(self._distances(points[outside], cap)[0] - self.error, 0.0)
         return gaps
 
     def _distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
-        """Compute bounds of the distances to the boundary, at most ``cap``.
-
-        ``points`` has shape (n, d). Returns lower and upper bounds, shape (n,), metres, with errors of at most
-        :attr:`error`.
-        """
+        """Bound the distances of points (n, d) to the boundary, at most ``cap``, with errors up to :attr:`error`."""
         spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
         near, far = np.empty(len(points)), np.empty(len(points))
 
@@ -189,15 +140,15 @@ class Region:
     """A shape to decompose, with its two boundaries.
 
     The shape contains the inner boundary's shape and lies in the outer one's; both are equal if the shape is exact.
-    ``bounds``, shape (2, d), are the corners of a box that contains it, and ``size`` is the diagonal of the box;
-    metres.
+    ``depths`` are those of the inner one, and ``gaps`` those of the outer one. ``bounds``, shape (2, d), are the
+    corners of a box that contains the shape, and ``size`` is the diagonal of the box; metres.
     """
 
     def __init__(self, shape: Shape) -> None:
         self.shape, self.dim, self.bounds = shape, shape.dim, np.array(shape.outer.bounds)
-        self.outer = self.inner = ShapeBoundary(shape.outer)
-        if shape.inner is not shape.outer:
-            self.inner = ShapeBoundary(shape.inner)
+        self.outer = ShapeBoundary(shape.outer)
+        self.inner = self.outer if shape.inner is shape.outer else ShapeBoundary(shape.inner)
+        self.depths, self.gaps = self.inner.depths, self.outer.gaps
         self.size = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
 
     @property
@@ -207,16 +158,13 @@ class Region:
 
     @property
     def box_volume(self) -> float:
-        """Volume of the bounding box.
-
-        Its sides count as at least a thousandth of its diagonal.
-        """
+        """Volume of the bounding box, whose sides count as at least a thousandth of its diagonal."""
         return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
 
     def make_grid(self, spacing: float) -> Grid:
-        """Create a grid that just covers the region.
+        """Create a grid, of a spacing in metres, that just covers the region.
 
-        The spacing is in metres. Raises InputError if it has too many cells or does not fit into memory.
+        Raises InputError if it has too many cells or does not fit into memory.
         """
         counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
         hint = "use a larger tolerance or fewer balls"
@@ -224,44 +172,18 @@ class Region:
             problem = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
             raise InputError("tolerance", problem, f"it may have {MAX_LATTICE_CELLS} cells at most", hint)
         grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
-        check_memory(BYTES_PER_LATTICE_CELL * float(grid.size), "the lattice of the balls", grid, hint=hint)
+        check_memory(64.0 * float(grid.size), "the lattice of the balls", grid, hint=hint)
         return grid
-
-    def depths(self, points: Floats) -> Floats:
-        """Compute lower bounds of the depths of points in the shape.
-
-        Depths are negative outside. ``points`` has shape (n, d), the result (n,), metres.
-        """
-        return self.inner.depths(points)
-
-    def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
-        """Compute lower bounds of the distances to the shape, at most ``cap``.
-
-        ``points`` has shape (n, d), the result (n,), metres.
-        """
-        return self.outer.gaps(points, cap)
 
 
 class Lattice:
     """Grid cells that are proven to cover a region.
 
     A lattice of the plane gets a first axis of one cell. Lattice coordinates are in cell sides, from the lower corner
-    of the grid; along the added axis they are 0.5.
-
-    Attributes
-    ----------
-    side : float
-        Side of a cell, metres.
-    diagonal : float
-        Diagonal of a cell, in sides.
-    cells : ndarray of bool, shape (nx, ny, nz)
-        Cells that meet the shape.
-    cell_centers : ndarray, shape (n, 3)
-        Centers of these cells, lattice coordinates.
-    half : ndarray, shape (3,)
-        Half a cell along each real axis, 0 along the added one.
-    corner : ndarray, shape (3,)
-        The lattice origin in the space of the region's tree, metres.
+    of the grid; along the added axis they are 0.5. ``side`` is the side of a cell, metres, and ``diagonal`` its
+    diagonal, in sides. ``cells``, shape (nx, ny, nz), is a mask of the cells that meet the shape, and ``cell_centers``,
+    shape (n, 3), are their centers. ``half``, shape (3,), is half a cell along each real axis, and ``corner``, shape
+    (3,), the lattice origin in the space of the region's tree, metres.
     """
 
     def __init__(self, region: Region, spacing: float) -> None:
@@ -275,17 +197,12 @@ class Lattice:
 
     @cached_property
     def depths(self) -> Floats:
-        """Lower bounds of the depths at the cell centers.
-
-        They are in sides of a cell, shape (n,).
-        """
+        """Lower bounds of the depths at the cell centers, in sides, shape (n,)."""
         return self.depths_at(self.cell_centers)
 
     @classmethod
     def for_tolerance(cls, region: Region, tolerance: float) -> Lattice:
-        """Create a lattice on which a tolerance can be proven.
-
-        The tolerance is in metres.
+        """Create a lattice on which a tolerance, in metres, can be proven.
 
         Raises InputError if that takes too many cells.
         """
@@ -300,10 +217,7 @@ class Lattice:
 
     @classmethod
     def for_count(cls, region: Region, number: int, finer: int = 1) -> Lattice:
-        """Create a lattice that resolves ``number`` balls.
-
-        It has ``finer`` times as many cells as usual.
-        """
+        """Create a lattice that resolves ``number`` balls, with ``finer`` times as many cells as usual."""
         dim = region.dim
         box_cells = min(finer * max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
         enough_cells = finer * max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
@@ -316,17 +230,11 @@ class Lattice:
             box_cells = min(MAX_REFINED_CELLS, int(box_cells * min(max(2.0, factor), 16.0)))
 
     def to_metres(self, points: Floats) -> Floats:
-        """Convert lattice coordinates to metres.
-
-        They have shape (n, 3), the result (n, d).
-        """
+        """Convert lattice coordinates (n, 3) to metres (n, d)."""
         return np.asarray((self.corner + self.side * points)[:, 3 - self.region.dim :])
 
     def depths_at(self, points: Floats) -> Floats:
-        """Return the depths of the region at lattice coordinates.
-
-        ``points`` has shape (n, 3); depths, in sides of a cell, have shape (n,).
-        """
+        """Return the depths of the region, in sides, at lattice coordinates (n, 3)."""
         return self.region.depths(self.to_metres(points)) / self.side
 
 
@@ -336,16 +244,9 @@ class Lattice:
 class PieceTree(NamedTuple):
     """Pieces of a boundary and the boxes of their tree.
 
-    Attributes
-    ----------
-    pieces : ndarray of float64, shape (n, 3, 3)
-        Triangles or, unless ``spatial``, segments between their first two corners.
-    errors : ndarray of float64, shape (n,)
-        Bounds of how much the distance to each piece may be too small.
-    boxes, spans : ndarray, shape (m, 7) and (m, 2)
-        As in :class:`cspace.exact.triangles.Trees`.
-    spatial : bool
-        Whether the pieces are triangles.
+    ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first two corners.
+    ``errors``, shape (n,), bound how much the distances to them may be too small. ``boxes`` and ``spans``, shapes (m,
+    7) and (m, 2), are as in :class:`cspace.exact.triangles.Trees`.
     """
 
     pieces: Floats
@@ -355,24 +256,9 @@ class PieceTree(NamedTuple):
     spatial: bool
 
 
-@kernel
-def _distance_to_box(point: Floats, box: Floats) -> float:
-    """Return the distance from a point to a box.
-
-    ``box`` has the center and the half sides, shape (6,) or longer.
-    """
-    square = 0.0
-    for axis in range(3):
-        square += max(0.0, abs(point[axis] - box[axis]) - box[3 + axis]) ** 2
-    return math.sqrt(square)
-
-
 @jit  # a kernel could not allocate arrays
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
-    """Return bounds of the distance to the nearest piece.
-
-    ``point`` has shape (3,). The lower and the upper bound are at most ``cap``; metres.
-    """
+    """Return bounds, at most ``cap``, of the distance from a point, shape (3,), to the nearest piece, metres."""
     position, near, far = row_at(point, 0), cap, cap
     pending, gaps = np.empty(MAX_PENDING_NODES, dtype=np.int64), np.empty(MAX_PENDING_NODES)
     pending[0], gaps[0], count = 0, 0.0, 1
@@ -383,7 +269,7 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
             continue
         node = pending[count]
         start, size = tree.spans[node]
-        if size <= MAX_PIECES_PER_LEAF:
+        if size <= 6:
             for n in range(start, start + size):
                 piece = tree.pieces[n]
                 if tree.spatial:
@@ -393,7 +279,7 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
                 near, far = min(near, gap), min(far, gap + tree.errors[n])
             continue
         child_a, child_b = node + 1, node + 2 * (size // 2)
-        gap_a, gap_b = _distance_to_box(point, tree.boxes[child_a]), _distance_to_box(point, tree.boxes[child_b])
+        gap_a, gap_b = box_distance(tree.boxes[child_a], position), box_distance(tree.boxes[child_b], position)
         # Push the nearer box last, so that it is popped first.
         if gap_a < gap_b:
             child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
@@ -404,10 +290,10 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
 
 @kernel
 def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
-    """Write bounds of the distances from points to the boundary, at most ``cap``.
+    """Write bounds, at most ``cap``, of the distances from points (n, 3) to the boundary.
 
-    ``points`` has shape (n, 3); ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is
-    fast if consecutive points are close together.
+    ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is fast if consecutive points are
+    close together.
     """
     for n in range(len(points)):
         limit = cap
@@ -420,16 +306,13 @@ def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, f
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Return bounds of the area or volume of balls.
-
-    Overlaps count once. ``centers`` has shape (n, d), ``radii`` (n,), metres.
-    """
+    """Return bounds of the area or volume of the union of balls, centers (n, d) and radii (n,), metres."""
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))
     import shapely
 
-    # Inscribed and circumscribed polygons bound the area of the discs.
-    quarter = int(np.clip(DISC_CORNERS // len(radii), 64, 1024)) // 4
+    # Inscribed and circumscribed polygons bound the area of the discs; GEOS may snap corners, for which 1e-9 allows.
+    quarter = int(np.clip(2**16 // len(radii), 64, 1024)) // 4
     lower, upper = Balls(centers, radii).bounds
     cell_centers = shapely.points(centers - lower)
     inner, outer = (
@@ -437,13 +320,13 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
         for scale in (1.0, 1.0 / math.cos(math.pi / (4 * quarter)))
     )
     error = MEASURE_ROUNDING * float(np.subtract(upper, lower).max()) ** 2
-    return max(0.0, inner * (1.0 - UNION_ERROR) - error), outer * (1.0 + UNION_ERROR) + error
+    return max(0.0, inner * (1.0 - 1e-9) - error), outer * (1.0 + 1e-9) + error
 
 
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
     """Return bounds of a volume by inner and outer cells."""
     lower, upper = np.array(shape.bounds)
-    spacing = float(np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / VOLUME_CELLS))
+    spacing = float(np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / 2**23))
     counts = np.ceil((upper - lower) / spacing) + 1.0
     outer, inner = shape.cells(Grid(0.5 * (lower + upper - spacing * counts), spacing, counts.astype(np.int64)))
     return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
@@ -452,10 +335,10 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
 def bound_shape_to_balls(
     lattice: Lattice, centers: Floats, radii: Floats, *, grow: bool = False
 ) -> tuple[float, float, Floats]:
-    """Compute bounds of the largest distance from a shape to balls.
+    """Compute bounds of the largest distance from a shape to balls, centers (n, d) and radii (n,), metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
-    point are halved until the bounds are close. ``centers`` has shape (n, d), ``radii`` (n,), metres.
+    point are halved until the bounds differ by 2 % or by 1e-4 of the size of the shape.
 
     Returns the bounds, in metres, and the growth of each ball, shape (n,). With ``grow``, each box is assigned to the
     ball that contains it after the least growth, so the grown balls cover the shape. The growth is -inf for a ball
@@ -473,7 +356,7 @@ def bound_shape_to_balls(
         deeper = near > low
         low = max(low, float(near[deeper][region.depths(box_centers[deeper]) > 0.0].max(initial=0.0)))
         # Boxes that reach little beyond the lower bound are final; the others are halved.
-        is_open = far > low + max(GAP_TOLERANCE * low, SIZE_TOLERANCE * region.size)
+        is_open = far > low + max(0.02 * low, 1e-4 * region.size)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
         kept = np.flatnonzero(is_open | (far > (np.minimum(growths[owners], high) if grow else high)))
         if level:
@@ -491,13 +374,13 @@ def bound_shape_to_balls(
 
 
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Compute bounds of the largest distance from balls to a shape.
+    """Compute bounds of the largest distance from balls, centers (n, d) and radii (n,), to a shape, metres.
 
-    ``centers`` has shape (n, d), ``radii`` (n,), metres. The upper bound comes from the depths of the centers: a ball
-    sticks out of the shape by at most its radius minus that depth. The lower bound comes from points of the spheres.
+    The upper bound comes from the depths of the centers: a ball sticks out of the shape by at most its radius minus
+    that depth. The lower bound comes from points of the spheres.
     """
     high = max(0.0, float((radii - region.depths(centers)).max()))
-    directions = np.random.default_rng(0).normal(size=(DIRECTIONS_PER_BALL, region.dim))
+    directions = np.random.default_rng(0).normal(size=(200, region.dim))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     low = 0.0
     for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(directions) / MAX_GAP_BOXES)):

@@ -2,8 +2,8 @@
 
 A ball of radius r around p has the spectrum ``r^dim psi^(r |w|) exp(-2 pi i w.p)``. So the balls of one radius have
 that radial factor times the spectrum of their centers, which one non-uniform FFT of type 1 computes (Dutt and Rokhlin,
-1993; Barnett, Magland and af Klinteberg, 2019). If a radius has too few balls for a transform, their terms are summed
-as products of one factor per axis. If there are many radii, a few transforms serve all radii (:func:`radius_basis`).
+1993; Barnett, Magland and af Klinteberg, 2019). For a radius of few balls, their terms are summed as products of one
+factor per axis; for many radii, a few transforms serve all (:func:`radius_basis`).
 
 *Error.* All bumps are non-negative, so the spectrum is largest at frequency 0, where it is the integral of the
 descriptor; tolerances are relative to that value. Half of a tolerance is for the table of ``psi^``, half for the
@@ -16,8 +16,8 @@ remainder. Norms and thresholds come from the overlaps of pairs of balls.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property
+from collections.abc import Iterable, Iterator
+from functools import cached_property, lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bytes, Floats, Ints
 from cspace.check import check_finite
-from cspace.compiling import kernel
+from cspace.compiling import jit, kernel
 from cspace.errors import InputError, import_optional
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, count_cells, free_bytes
 from cspace.spectral.bump import (
@@ -45,6 +45,7 @@ from cspace.spectral.bump import (
     table_points,
 )
 from cspace.spectral.descriptors import PLACEMENT_ROUNDING, BallDescriptor, check_solid_balls
+from cspace.spectral.trees import HIT, MISS, UNDECIDED
 from cspace.threads import cores
 
 Complexes = NDArray[np.complex128]
@@ -53,62 +54,24 @@ Complexes = NDArray[np.complex128]
 MIN_SPECTRUM_TOLERANCE: Final = 1e-12
 """Smallest tolerance of a spectrum; non-uniform transforms round more than tables."""
 
-
 TRANSFORM_TOLERANCE_SHARE: Final = 0.03
-"""Fraction of the tolerance that a non-uniform transform must meet.
-
-The tolerance of a transform bounds a 2-norm; errors of single values up to seven times larger were observed.
+"""Share of the tolerance that a transform must meet; errors up to 7 times that, which bounds a 2-norm, were observed.
 """
-
 
 MIN_TRANSFORM_TOLERANCE: Final = 2e-14
 """Smallest tolerance that a non-uniform transform can meet, because of its rounding."""
 
-
-UPSAMPLING_FACTORS: Final = ((1e-8, 1.25), (1e-11, 1.5), (0.0, 2.0))
-"""Pairs of a transform tolerance and the upsampling factor for it and above.
-
-With less upsampling, errors exceeded the tolerance.
-"""
-
-
-MIN_THREADED_SAMPLES: Final = 2**19
-"""Number of samples of a transform from which several threads save time."""
-
-MAX_SUMMED_BALLS: Final = {
-    2: 48,
-    3: 96,
-}
+MAX_SUMMED_BALLS: Final = {2: 48, 3: 96}
 """Number of balls of one radius up to which sums of products are faster than a transform, by dimension."""
 
-BYTES_PER_FREQUENCY: Final = {
-    2: 120.0,
-    3: 184.0,
-}
+BYTES_PER_FREQUENCY: Final = {2: 120.0, 3: 184.0}
 """Upper bound of the memory per value of a spectrum, bytes, by dimension."""
 
-MIN_SUM_COST: Final = 0.5
-"""Smallest cost of summing a radius with few balls, relative to a transform."""
-
-MIN_BASIS_TRANSFORMS: Final = 8.0
-"""Number of transforms above which a basis of radii is tried."""
-
-
 BASIS_TOLERANCE_SHARE: Final = 0.02
-"""Fraction of the tolerance for each source of error of a basis: spectra, nodes, decomposition and tables.
+"""Share of the tolerance for each source of error of a basis: spectra, nodes, decomposition and tables.
 
 The first three errors grow by the Lebesgue constant of the nodes, below 6 for a thousand nodes.
 """
-
-
-MAX_NODES_PER_TRANSFORM: Final = 6.0
-"""Largest number of nodes of a basis for each transform that it saves."""
-
-SAMPLES_PER_NODE: Final = 4
-"""Number of frequencies per node at which spectra are decomposed."""
-
-PERIOD_SLACK: Final = 1e-9
-"""Relative rounding error by which balls may exceed the period."""
 
 
 def ball_spectrum(
@@ -154,14 +117,15 @@ def ball_spectrum(
     points, sizes = check_solid_balls(centers, radii)
     kind, within, dim = check_bump(bump), check_tolerance(tolerance, MIN_SPECTRUM_TOLERANCE), points.shape[1]
     periods, numbers = _check_lengths(lengths, dim), _check_counts(counts, dim)
-    factors = None
-    if weights is not None:
-        factors = check_finite(weights, "weights")
-        if factors.shape != sizes.shape:
-            rule = f"there must be one for each of {len(sizes)} balls"
-            raise InputError("weights", f"has shape {factors.shape}", rule, "pass numbers", value=weights)
-    reach = sizes[:, None]
-    _check_fits((points + reach).max(axis=0) - (points - reach).min(axis=0), periods)
+    factors = None if weights is None else check_finite(weights, "weights")
+    if factors is not None and factors.shape != sizes.shape:
+        rule = f"there must be one for each of {len(sizes)} balls"
+        raise InputError("weights", f"has shape {factors.shape}", rule, "pass numbers", value=weights)
+    extent = (points + sizes[:, None]).max(axis=0) - (points - sizes[:, None]).min(axis=0)
+    if (extent > periods * (1.0 + 1e-9)).any():  # 1e-9 for rounding; larger balls would overlap their copies
+        axis = int(np.argmax(extent / periods))
+        problem = f"holds {periods[axis]:g} m along {'xyz'[axis]}, but the balls extend over {extent[axis]:g} m"
+        raise InputError("lengths", problem, "they must fit into one period", "pass a longer period", value=lengths)
     lattice = FrequencyLattice.of(numbers, periods)
     return sum_terms(lattice, points, radial_terms(lattice, kind, sizes, within, factors), within)
 
@@ -170,10 +134,7 @@ def ball_spectrum(
 
 
 def finufft_module() -> Any:
-    """Import finufft.
-
-    Raises MissingPackageError if it is not installed.
-    """
+    """Import finufft; raises MissingPackageError if it is not installed."""
     return import_optional("finufft", "spectra at centers that lie on no lattice need it", "spectral")
 
 
@@ -189,21 +150,20 @@ def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -
     # Odd series become the imaginary parts of the even ones; the last one may be single.
     pairs = scaled[::2].copy()
     pairs[: len(scaled) // 2] += 1j * scaled[1::2]
-    transform, finer = getattr(finufft_module(), f"nufft{points.shape[1]}d2"), _upsampling_factor(tolerance)
-    options = {"isign": 1, "modeord": 1, "nthreads": _threads(spectra.size + len(points)), "upsampfac": finer}
-    series = np.atleast_2d(transform(*points.T.copy(), pairs, eps=tolerance, **options))
+    transform = getattr(finufft_module(), f"nufft{points.shape[1]}d2")
+    options = _transform_options(tolerance, spectra.size + len(points))
+    series = np.atleast_2d(transform(*points.T.copy(), pairs, isign=1, **options))
     parts = np.stack([series.real, series.imag], axis=1).reshape(-1, len(points))[: len(sizes)]
     return np.asarray(parts * sizes[:, None])
 
 
-def _upsampling_factor(tolerance: float) -> float:
-    """Return the upsampling factor for a transform tolerance."""
-    return next(finer for least, finer in UPSAMPLING_FACTORS if tolerance >= least)
-
-
-def _threads(samples: float) -> int:
-    """Return the number of threads for a transform."""
-    return cores() if samples >= MIN_THREADED_SAMPLES else 1
+def _transform_options(tolerance: float, samples: int, upsampled_axes: int = 0) -> dict[str, Any]:
+    """Return the options of a transform; from 2^19 samples on, several threads save time."""
+    finer = (
+        1.25 if tolerance >= 1e-8 else 1.5 if tolerance >= 1e-11 else 2.0
+    )  # with less, errors exceeded the tolerance
+    threads = cores() if samples * finer**upsampled_axes >= 2**19 else 1
+    return {"eps": tolerance, "modeord": 1, "nthreads": threads, "upsampfac": finer}
 
 
 # ---- terms -----------------------------------------------------------------------------------------------------------
@@ -212,14 +172,8 @@ def _threads(samples: float) -> int:
 class Term(NamedTuple):
     """Waves around points, times a radial factor.
 
-    Attributes
-    ----------
-    members : ndarray of int, shape (n,)
-        Indices of the points.
-    strengths : ndarray of float64, shape (n,)
-        Factor of each point's wave.
-    factor : ndarray of float64, shape (moduli,)
-        Factor of each modulus of the frequency.
+    ``members``, shape (n,), are the indices of the points, ``strengths``, shape (n,), the factors of their waves, and
+    ``factor``, shape (moduli,), is the factor of each modulus of the frequency.
     """
 
     members: NDArray[np.intp]
@@ -232,10 +186,11 @@ def radial_terms(
 ) -> Iterator[Term]:
     """Return the terms of balls, wherever their centers are."""
     dim = len(lattice.counts)
-    # The cost without a basis, in transforms: even a sum over one ball evaluates its table at each frequency.
+    # The cost without a basis, in transforms: even a sum over one ball, at half of that, evaluates its table at each
+    # frequency. Below 8 transforms, a basis saves none.
     shares = np.unique(radii, return_counts=True)[1] / MAX_SUMMED_BALLS[dim]
-    alone = float(np.clip(shares, MIN_SUM_COST, 1.0).sum())
-    terms = radius_basis(bump, radii, lattice.moduli, dim, tolerance, alone) if alone > MIN_BASIS_TRANSFORMS else None
+    alone = float(np.clip(shares, 0.5, 1.0).sum())
+    terms = radius_basis(bump, radii, lattice.moduli, dim, tolerance, alone) if alone > 8.0 else None
     if terms is None:
         terms = _terms_by_radius(bump, radii, lattice.moduli, dim, tolerance)
     if weights is not None:
@@ -244,10 +199,7 @@ def radial_terms(
 
 
 def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float) -> Iterator[Term]:
-    """Yield one term for each radius.
-
-    ``moduli``, ascending, are the moduli of the frequencies, in cycles per metre.
-    """
+    """Yield one term for each radius; ``moduli``, ascending, are in cycles per metre."""
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     order = np.argsort(radii, kind="stable")
     different, starts = np.unique(radii[order], return_index=True)
@@ -266,34 +218,25 @@ def radius_basis(
     value decomposition of the spectra at the nodes leaves as many combinations as the tolerance needs. The strength of
     a ball in each combination depends on its radius.
     """
-    max_modulus, max_radius = float(moduli.max()), float(radii.max())
+    max_modulus, max_radius, within = float(moduli.max()), float(radii.max()), BASIS_TOLERANCE_SHARE * tolerance
     center, half = 0.5 * (float(radii.min()) + max_radius), 0.5 * (max_radius - float(radii.min()))
-    within = BASIS_TOLERANCE_SHARE * tolerance
-    count = count_nodes(within, 2.0 * math.pi * max_modulus * half)
-    if count > MAX_NODES_PER_TRANSFORM * alone:
+    count, highest = count_nodes(within, 2.0 * math.pi * max_modulus * half), max_radius * max_modulus
+    if count > 6.0 * alone:  # finding the basis would take longer than it saves
         return None
-    spectrum = bump.table(dim, max_radius * max_modulus + 2.0 * TABLE_HALF_WIDTH, max(MIN_TOLERANCE, within))
+    spectrum = bump.table(dim, highest + 2.0 * TABLE_HALF_WIDTH, max(MIN_TOLERANCE, within))
     nodes = center + half * chebyshev_nodes(count)
-    left, sizes, _ = np.linalg.svd(
-        spectrum(nodes[:, None] * (max_modulus * np.linspace(0.0, 1.0, SAMPLES_PER_NODE * count))), full_matrices=False
-    )
+    samples = max_modulus * np.linspace(0.0, 1.0, 4 * count)
+    left, sizes, _ = np.linalg.svd(spectrum(nodes[:, None] * samples), full_matrices=False)
     rank = int(np.count_nonzero(sizes > within * spectrum(np.zeros(1))[0]))
     if rank >= alone:
         return None
-    combinations = left[:, :rank]
+    combinations, all_balls = left[:, :rank], np.arange(len(radii))
     # Tables need unit band limit, so frequencies are in cycles per largest radius.
-    values = spectrum(
-        (nodes / max_radius)[:, None, None] * table_points(max_radius * max_modulus, within / math.sqrt(count))
-    )
+    values = spectrum((nodes / max_radius)[:, None, None] * table_points(highest, within / math.sqrt(count)))
     position = np.clip((radii - center) / half, -1.0, 1.0)
     strengths = np.polynomial.chebyshev.chebval(position, chebyshev_coefficients(combinations)) * radii**dim
-    all_balls = np.arange(len(radii))
     return (
-        Term(
-            all_balls,
-            row,
-            RadialTable(np.tensordot(column, values, axes=1), max_radius * max_modulus)(max_radius * moduli),
-        )
+        Term(all_balls, row, RadialTable(np.tensordot(column, values, axes=1), highest)(max_radius * moduli))
         for row, column in zip(strengths, combinations.T, strict=True)
     )
 
@@ -301,7 +244,7 @@ def radius_basis(
 class FrequencyLattice(NamedTuple):
     """Frequencies ``k / periods``, in the order of numpy.fft.
 
-    ``counts`` are their numbers along the axes. ``moduli`` are their distinct moduli, ascending, cycles per metre.
+    ``counts`` are their numbers along the axes, ``moduli`` their distinct moduli, ascending, cycles per metre.
     ``which`` is the index of the modulus of each frequency, on a lattice that contains ``-w`` with each ``w``.
     """
 
@@ -325,10 +268,9 @@ class FrequencyLattice(NamedTuple):
 def sum_terms(
     lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float, *, half: bool = False
 ) -> Complexes:
-    """Return the spectrum of terms around points (n, d), metres, to a tolerance.
+    """Return the spectrum of terms around points (n, d), metres, to a tolerance, shape ``lattice.counts``.
 
-    Its shape is ``lattice.counts``; with ``half``, only the frequencies whose last one is not negative are returned,
-    and counts must be odd.
+    With ``half``, only the frequencies whose last one is not negative are returned, and counts must be odd.
     """
     found = _LatticeSum(lattice, points / lattice.periods, 0.5 * tolerance).spectrum(terms)
     if half:
@@ -410,19 +352,17 @@ class Correlation:
 
 
 def _fold(spectrum: Complexes, axis: int, positive: int, size: int) -> Complexes:
-    """Add the frequencies along an axis that are equal modulo ``size``.
+    """Add the frequencies along an axis that are equal modulo ``size``, which the axis then has.
 
-    The first ``positive`` frequencies are 0, 1, ..., the others ..., -2, -1. The result has length ``size``.
+    The first ``positive`` frequencies are 0, 1, ..., the others ..., -2, -1.
     """
-    folded = np.zeros((*spectrum.shape[:axis], size, *spectrum.shape[axis + 1 :]), dtype=np.complex128)
-    before = (slice(None),) * axis
-    for start in range(0, positive, size):
-        stop = min(positive, start + size)
-        folded[*before, : stop - start] += spectrum[*before, start:stop]
-    for stop in range(spectrum.shape[axis], positive, -size):
-        start = max(positive, stop - size)
-        folded[*before, size - (stop - start) :] += spectrum[*before, start:stop]
-    return folded
+    before, (*shape, count) = spectrum.shape[:axis], (*spectrum.shape[axis + 1 :], spectrum.shape[axis])
+    padded = np.zeros((*before, -(-count // size) * size, *shape), dtype=np.complex128)
+    padded[(slice(None),) * axis + (slice(positive),)] = spectrum[(slice(None),) * axis + (slice(positive),)]
+    if count > positive:
+        others = (slice(None),) * axis + (slice(positive - count, None),)
+        padded[others] = spectrum[others]
+    return np.asarray(padded.reshape(*before, -1, size, *shape).sum(axis=axis))
 
 
 def _first_half(spectrum: NDArray[Any]) -> NDArray[Any]:
@@ -452,10 +392,7 @@ class _LatticeSum:
         self._summed_points: NDArray[np.intp] | None = None
 
     def spectrum(self, terms: Iterable[Term]) -> Complexes:
-        """Return half of the spectrum.
-
-        Terms of few points are summed, the others transformed in pairs.
-        """
+        """Return half of the spectrum: terms of few points are summed, the others transformed in pairs."""
         waiting: Term | None = None
         for term in terms:
             if len(term.members) <= MAX_SUMMED_BALLS[self._which.ndim]:
@@ -478,10 +415,8 @@ class _LatticeSum:
     def _plan(self) -> Any:
         """Plan of the non-uniform transforms."""
         demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * self._tolerance)
-        finer = _upsampling_factor(demanded)
-        threads = _threads(self._which.size * finer**self._which.ndim)
-        options = {"eps": demanded, "isign": -1, "modeord": 1, "nthreads": threads, "upsampfac": finer}
-        return finufft_module().Plan(1, self._which.shape, dtype="complex128", **options)
+        options = _transform_options(demanded, self._which.size, self._which.ndim)
+        return finufft_module().Plan(1, self._which.shape, dtype="complex128", isign=-1, **options)
 
     def _transform(self, first: Term, second: Term) -> None:
         """Add two terms by one complex transform."""
@@ -500,11 +435,7 @@ class _LatticeSum:
         self._transforms = waves if self._transforms is None else self._transforms + waves
 
     def _sum_waves(self, term: Term) -> Complexes:
-        """Sum the waves of a term.
-
-        They are ``exp(-2 pi i k.share)`` for each point, times its strength. The sums are products of one factor per
-        axis.
-        """
+        """Sum ``strength exp(-2 pi i k.share)`` over the points of a term, as products of one factor per axis."""
         if term.members is not self._summed_points:  # terms of a basis share their points
             self._summed_points = term.members
             indices = [_frequency_indices(count) for count in self._which.shape]
@@ -528,10 +459,7 @@ def _frequency_indices(count: int) -> NDArray[np.intp]:
 
 
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
-    """Return positive periods along the axes, shape (dim,).
-
-    One number applies to all axes. Raises InputError for anything else.
-    """
+    """Return the periods, shape (dim,), of one for each axis or one for all; raises InputError for anything else."""
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
         rule = f"it must be one number above zero or {dim} of them, in metres"
@@ -540,11 +468,9 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
 
 
 def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
-    """Return the number of frequencies along each axis.
+    """Return the counts of frequencies, of one for each axis or one for all.
 
-    One number applies to all axes.
-
-    Raises InputError if the spectrum would not fit into memory.
+    Raises InputError for anything else, or if the spectrum would not fit into memory.
     """
     numbers = np.asarray(counts)
     if numbers.shape not in {(), (dim,)} or numbers.dtype.kind not in "iu" or (numbers <= 0).any():
@@ -558,21 +484,6 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     return shape
 
 
-def _check_fits(sizes: Floats, lengths: Floats) -> None:
-    """Raise InputError if balls exceed one period.
-
-    ``sizes`` are their extents and ``lengths`` the periods, shape (d,), metres. Balls that exceed it would overlap
-    their copies.
-    """
-    if (sizes > lengths * (1.0 + PERIOD_SLACK)).any():
-        axis = int(np.argmax(sizes / lengths))
-        problem = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, but the balls extend over {sizes[axis]:g} m"
-        raise InputError("lengths", problem, "they must fit into one period", "pass a longer period", value=lengths)
-
-
-PairTable = Callable[[Floats], tuple[Floats, float]]
-"""Function that maps the distances of pairs, metres, to integrals and their error."""
-
 ROUNDING_UNIT: Final = 2.0**-52
 """Twice the relative rounding error of one operation."""
 
@@ -581,9 +492,6 @@ MAX_CYCLES_PER_RADIUS: Final = 32.0
 
 BOUND_ROUNDING: Final = 1.0 + 2.0**-30
 """Factor that covers the rounding of the bounds themselves."""
-
-ENERGY_SAMPLES: Final = 4096
-"""Number of samples of the energy of a bump from which the band is chosen."""
 
 PAIR_TABLE_NODES: Final = 64
 """Number of distances in a table for pairs of two radii."""
@@ -596,47 +504,35 @@ BALLS_PER_BATCH: Final = 2**8
 
 
 def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
-    """Estimate the highest frequency that matters.
+    """Estimate the frequency, cycles per metre, above which less than ``bound`` is added to the overlap.
 
-    It is in cycles per metre. Frequencies above it contribute less than ``bound`` to the overlap. Above the frequencies
-    of the gaps between balls, their energies add up. So the energy of a set above a frequency is the sum of the
+    Above the frequencies of the gaps between balls, their energies add up: the energy of a set is the sum of the
     energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
     """
-    k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, ENERGY_SAMPLES)
+    k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, 4096)
     energy = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)(k) ** 2 * sphere_measure(k, a.dim)
     above = np.cumsum(energy[::-1])[::-1] * k[1]
     all_radii = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / all_radii.max(), MAX_CYCLES_PER_RADIUS / all_radii.min(), 400)
-    tails = []
-    for balls in (a, b):
-        radii, counts = np.unique(balls.radii, return_counts=True)
-        tails.append(
-            sum(
-                count * radius**a.dim * np.interp(radius * frequencies, k, above)
-                for radius, count in zip(radii, counts, strict=True)
-            )
+    tails = [
+        sum(
+            count * radius**a.dim * np.interp(radius * frequencies, k, above)
+            for radius, count in zip(*np.unique(balls.radii, return_counts=True), strict=True)
         )
+        for balls in (a, b)
+    ]
     is_enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
     return float(frequencies[np.argmax(is_enough)] if is_enough.any() else frequencies[-1])
 
 
 class Rings(NamedTuple):
-    """Frequencies of a band, ordered by rings.
+    """Frequencies ``w = k / lengths`` of a band, ``|k| <= halves``, ordered by rings of similar moduli.
 
-    They are ``w = k / lengths`` with ``|k| <= halves``; the frequencies of a ring have similar moduli. Descriptors are
-    real, so opposite frequencies have conjugate terms. Only frequency zero and the frequencies whose first non-zero
-    entry is positive are stored.
-
-    Attributes
-    ----------
-    lengths, halves
-        The period along each axis, metres, and the highest frequency there, in cycles per period.
-    indices, moduli, twice : ndarray of int16, shape (n, d), and of float64, shape (n,)
-        k, ``|w|`` in cycles per metre, and the multiplicity of each frequency: 1 for zero, else 2. In ring order.
-    starts : ndarray of int64, shape (rings + 1,)
-        Start of each ring; the first ring is frequency zero alone.
-    reaches : ndarray of int64, shape (rings, d)
-        Largest modulus of k along each axis up to a ring.
+    Descriptors are real, so opposite frequencies have conjugate terms; only frequency zero and the frequencies whose
+    first non-zero entry is positive are stored. ``lengths`` are the periods, metres. ``indices``, shape (n, d), are k,
+    ``moduli`` are ``|w|`` in cycles per metre, and ``twice`` is 1 for frequency zero and 2 for the others, all in ring
+    order. Ring r starts at ``starts[r]``; the first one is frequency zero alone. ``reaches``, shape (rings, d), are the
+    largest moduli of k along the axes up to a ring.
     """
 
     lengths: Floats
@@ -649,10 +545,7 @@ class Rings(NamedTuple):
 
     @classmethod
     def of(cls, lengths: Floats, halves: tuple[int, ...]) -> Rings:
-        """Build the rings of a period.
-
-        ``lengths``, shape (d,), are the periods, metres. A ring is as wide as one cycle in the longest of them.
-        """
+        """Build the rings, each as wide as one cycle in the longest period."""
         axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
         half = box[len(box) // 2 :]
@@ -668,10 +561,7 @@ class Rings(NamedTuple):
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of frequencies along each axis.
-
-        Both halves count, so the numbers are odd.
-        """
+        """Number of frequencies along each axis, both halves, so odd."""
         return tuple(2 * half + 1 for half in self.halves)
 
     @property
@@ -680,42 +570,29 @@ class Rings(NamedTuple):
         return float(np.prod(self.lengths))
 
     def sums(self, values: Floats) -> Floats:
-        """Sum values over each ring.
-
-        ``values``, shape (n,), are in ring order; the result has shape (rings,).
-        """
+        """Sum values, in ring order, over each ring."""
         return np.asarray(np.add.reduceat(values, self.starts[:-1]))
 
     def to_rings(self, box: Complexes) -> Complexes:
-        """Convert a spectrum to ring order.
-
-        It must be in the order of numpy.fft.
-        """
+        """Convert a spectrum from the order of numpy.fft to ring order."""
         return box.reshape(-1)[self._flat_indices(1)]
 
     def to_box(self, half: Complexes) -> Complexes:
-        """Convert a half spectrum to the order of numpy.fft.
-
-        The half spectrum, in ring order, belongs to a real function.
-        """
+        """Convert half of the spectrum of a real function, in ring order, to the order of numpy.fft."""
         flat = np.empty(math.prod(self.counts), dtype=np.complex128)
         flat[self._flat_indices(-1)], flat[self._flat_indices(1)] = half.conj(), half
         return flat.reshape(self.counts)
 
     def _flat_indices(self, sign: int) -> Ints:
-        """Return the index of each frequency in a spectrum.
-
-        The spectrum is full, flat and in the order of numpy.fft. ``sign`` -1 gives the opposite frequency.
-        """
+        """Return the flat index, in the order of numpy.fft, of each frequency; of its opposite for ``sign`` -1."""
         columns = sign * self.indices.T.astype(np.int64)
         return np.asarray(np.ravel_multi_index(tuple(columns), self.counts, mode="wrap"))
 
 
 class Spectrum(NamedTuple):
-    """Band-limited spectrum of a descriptor.
+    """Band-limited spectrum of a descriptor, about the center of its balls.
 
-    ``values``, shape (n,), in ring order, metres to the power ``dim``, are ``F(w)`` with the origin in the center of
-    the balls, and ``error`` bounds the error of each.
+    ``values``, in ring order, are in metres to the power ``dim``; ``error`` bounds the error of each.
     """
 
     values: Complexes
@@ -723,10 +600,7 @@ class Spectrum(NamedTuple):
 
     @classmethod
     def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
-        """Compute the spectrum of balls about a point.
-
-        ``center`` has shape (d,), metres; ``accuracy`` is relative to the largest value.
-        """
+        """Compute the spectrum of balls about a point, shape (d,), to an accuracy relative to its largest value."""
         box = ball_spectrum(balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
         moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
         error = balls.integral * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
@@ -735,8 +609,7 @@ class Spectrum(NamedTuple):
     def tail(self, rings: Rings, norm: tuple[float, float]) -> float:
         """Return an upper bound of the energy outside the band.
 
-        By Parseval's theorem, it is the integral of the squared descriptor, :func:`norm_square`, minus the energy in
-        the band.
+        By Parseval's theorem, that is :func:`norm_square` minus the energy in the band.
         """
         moduli, (total, off) = np.abs(self.values), norm
         inside = float((rings.twice * moduli * (moduli - 2.0 * self.error)).sum()) / rings.volume
@@ -744,19 +617,12 @@ class Spectrum(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """Terms of the overlap, with bounds of partial sums.
+    """Terms of the overlap, with bounds of partial sums, for kernels.
 
-    There is a term for each frequency. Kernels take this record.
-
-    Attributes
-    ----------
-    products : ndarray of complex128, shape (n,)
-        ``F_B conj(F_A) / V``, in ring order; doubled for the opposite frequency, except at frequency zero.
-    bounds : ndarray of float64, shape (rings + 1,)
-        Largest difference of the sum of the rings before r from the sum of all frequencies, at any placement. It
-        includes the remaining rings, rounding and the errors of the spectra.
-    indices, starts, reaches, lengths : ndarray
-        As in :class:`Rings`.
+    ``products`` are ``F_B conj(F_A) / V`` in ring order, doubled for the opposite frequency. ``bounds[r]``, shape
+    (rings + 1,), is the largest difference of the sum of the rings before r from the sum of all frequencies, at any
+    placement: the remaining rings, rounding and the errors of the spectra. The other arrays are those of
+    :class:`Rings`.
     """
 
     products: Complexes
@@ -768,11 +634,10 @@ class Terms(NamedTuple):
 
     @classmethod
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
-        """Build the terms of an overlap.
+        """Build the terms of the overlap of A, which moves and has the first spectrum, with B.
 
-        ``first`` is the spectrum of A, which moves, ``second`` the spectrum of B. Within the band, the sum of the
-        moduli bounds the remaining terms. Outside, ``tail`` does, the product of the two tail norms (Cauchy and
-        Schwarz). ``far``, in metres, bounds the rounding of a placement.
+        Within the band, the sum of the moduli bounds the remaining terms. Outside, ``tail`` does, the product of the
+        two tail norms (Cauchy and Schwarz). ``far``, in metres, bounds the rounding of a placement.
         """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()
@@ -792,16 +657,13 @@ class Terms(NamedTuple):
 
 # ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
 
-BELOW, ABOVE, OPEN = range(3)
-"""Verdicts about an overlap and a threshold, equal to MISS, HIT and UNDECIDED of :class:`cspace.spectral.Verdict`."""
-
 
 @kernel
 def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
-    """Write the phases of a range of frequencies.
+    """Write ``exp(2 pi i k share)`` for ``first <= |k| <= last`` to ``phases[center + k]``.
 
-    It sets ``phases[center + k]`` to exp(2 pi i k share) for ``first <= |k| <= last``. ``share`` is the placement along
-    an axis, in periods. Each factor is computed independently, so that errors do not accumulate.
+    ``share`` is the placement along an axis, in periods. Each factor is computed on its own, so that errors do not
+    accumulate.
     """
     center = len(phases) // 2
     for k in range(first, last + 1):
@@ -814,10 +676,9 @@ def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
 
 @kernel
 def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
-    """Sum the real parts of a range of terms.
+    """Sum the real parts of ``products * exp(2 pi i k.t)`` over frequencies [start, stop) in ring order.
 
-    The terms are ``products * exp(2 pi i k.t)`` for the frequencies [start, stop) in ring order. ``phases``, shape (d,
-    2 m + 1), are those of each axis.
+    ``phases``, shape (d, 2 m + 1), are those of each axis.
     """
     products, indices = terms.products, terms.indices
     center = phases.shape[1] // 2
@@ -834,10 +695,9 @@ def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
 def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
     """Sum ring after ring until the sum decides.
 
-    Returns the verdict, the number of frequencies, the sum and its bound. The verdict is BELOW or ABOVE if the sum and
-    its bound prove it, otherwise OPEN; if the threshold is NaN, it is OPEN. ``placement``, shape (d,), metres, is the
-    center of A relative to the center of B. ``phases`` is scratch of shape (d, 2 m + 1) for the highest frequency m of
-    an axis.
+    Returns MISS or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of NaN; the number of
+    frequencies; the sum; and its bound. ``placement``, shape (d,), metres, is the center of A relative to the center of
+    B. ``phases`` is scratch of shape (d, 2 m + 1) for the highest frequency m of an axis.
     """
     starts, reaches = terms.starts, terms.reaches
     total = 0.0
@@ -848,86 +708,58 @@ def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexe
         total += add_terms(terms, phases, starts[ring], starts[ring + 1])
         bound = terms.bounds[ring + 1]
         if total + bound < threshold:
-            return BELOW, starts[ring + 1], total, bound
+            return MISS, starts[ring + 1], total, bound
         if total - bound > threshold:
-            return ABOVE, starts[ring + 1], total, bound
-    return OPEN, starts[-1], total, terms.bounds[-1]
+            return HIT, starts[ring + 1], total, bound
+    return UNDECIDED, starts[-1], total, terms.bounds[-1]
 
 
+@jit  # a kernel could not allocate arrays
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-    """Apply :func:`separate` to many placements.
-
-    They have shape (n, d), metres. Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n,
-    2).
-    """
+    """Apply :func:`separate` to placements (n, d): verdicts (n,), counts (n,), and sums with their bounds (n, 2)."""
     number = len(placements)
-    out = np.empty(number, np.uint8), np.empty(number, np.int64), np.empty((number, 2))
-    phases = np.empty((placements.shape[1], 2 * int(terms.reaches[-1].max()) + 1), np.complex128)
-    separate_each(np.ascontiguousarray(placements), terms, threshold, phases, out)
-    return out
-
-
-@kernel
-def separate_each(
-    placements: Floats, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
-) -> None:
-    """Apply :func:`separate` to each placement.
-
-    ``placements`` has shape (n, d); the results fill ``out``.
-    """
-    verdicts, counts, sums = out
-    for n in range(len(placements)):
+    verdicts, counts, sums = np.empty(number, np.uint8), np.empty(number, np.int64), np.empty((number, 2))
+    phases = np.empty((placements.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
+    for n in range(number):
         verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(placements[n], terms, threshold, phases)
+    return verdicts, counts, sums
 
 
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:
-    """Integrate the square of a descriptor.
-
-    Returns the integral, a sum over all pairs of balls, and a bound of its error.
-    """
+    """Integrate the square of a descriptor, over pairs of balls; returns the integral and a bound of its error."""
     # Each ball with itself once, and each pair of different balls twice.
     square = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
     value = float(square[0] * (balls.radii**balls.dim).sum())
     error = SAFETY_FACTOR * SELF_INTEGRAL_ERROR * value
-    integrals = PairIntegrals(balls.bump, balls.dim)
     for i, j in _touching_pairs(balls):
         gaps = np.linalg.norm(balls.centers[i] - balls.centers[j], axis=1)
-        values, errors = integrals.at(balls.radii[i], balls.radii[j], gaps)
+        values, errors = tabulated_integrals(balls.bump, balls.radii[i], balls.radii[j], gaps, balls.dim)
         value, error = value + 2.0 * float(values.sum()), error + 2.0 * float(errors.sum())
     return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
 
 
-class PairIntegrals:
-    """Integrals of products of two bumps; radii with many pairs get a table."""
-
-    def __init__(self, bump: Bump, dim: int) -> None:
-        self._bump, self._dim = bump, dim
-        self._tables: dict[complex, PairTable] = {}
-
-    def at(self, first: Floats, second: Floats, distances: Floats) -> tuple[Floats, Floats]:
-        """Return the integrals of pairs (n,) and bounds of their errors."""
-        values, errors = np.zeros((2, len(distances)))
-        pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
-        keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)
-        # The integrals of indicators are not smooth in the distance.
-        many = (counts > PAIR_TABLE_NODES) & (not self._bump.is_indicator)
-        for number in np.flatnonzero(many):
-            key = complex(keys[number])
-            if key not in self._tables:
-                self._tables[key] = _tabulate_pair(self._bump, key.real, key.imag, self._dim)
-            members = group == number
-            values[members], errors[members] = self._tables[key](distances[members])
-        few = ~many[group]
-        if few.any():
-            values[few], errors[few] = pair_integrals(self._bump, first[few], second[few], distances[few], self._dim)
-        return values, errors
+def tabulated_integrals(
+    bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int
+) -> tuple[Floats, Floats]:
+    """Compute :func:`pair_integrals` of many pairs; radii with many pairs get a table."""
+    values, errors = np.zeros((2, len(distances)))
+    pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
+    keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)
+    # The integrals of indicators are not smooth in the distance.
+    many = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
+    for number in np.flatnonzero(many):
+        (large, small), members = (keys[number].real, keys[number].imag), group == number
+        fit, error = _tabulate_pair(bump, float(large), float(small), dim)
+        values[members] = fit(np.minimum(2.0 * distances[members] / (large + small), 2.0) - 1.0)
+        errors[members] = error
+    few = ~many[group]
+    if few.any():
+        values[few], errors[few] = pair_integrals(bump, first[few], second[few], distances[few], dim)
+    return values, errors
 
 
 def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
-    """Yield the pairs of touching balls, in batches.
-
-    Each batch is two index arrays, shape (n,), the larger ball first.
-    """
+    """Yield the pairs of touching balls, in batches of two index arrays, the larger ball first."""
     from scipy.spatial import cKDTree
 
     centers, radii = balls.centers, balls.radii
@@ -943,16 +775,13 @@ def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
         yield i[meeting], j[meeting]
 
 
-def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> PairTable:
-    """Tabulate the integrals of pairs of two radii.
-
-    ``first`` and ``second`` are the radii, metres.
-    """
-    reach = first + second
+@lru_cache(maxsize=4096)
+def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> tuple[np.polynomial.Chebyshev, float]:
+    """Return the integrals of pairs of two radii, metres, as a function on [-1, 1], and their error."""
     nodes = chebyshev_nodes(PAIR_TABLE_NODES)
     between = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
-    gaps = 0.5 * reach * (1.0 + np.concatenate([nodes, between]))
+    gaps = 0.5 * (first + second) * (1.0 + np.concatenate([nodes, between]))
     values, errors = pair_integrals(bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim)
     fit = np.polynomial.Chebyshev(chebyshev_coefficients(values[:PAIR_TABLE_NODES]))
     error = float(errors.max()) + SAFETY_FACTOR * float(np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max())
-    return lambda distances: (np.asarray(fit(np.minimum(2.0 * distances / reach, 2.0) - 1.0)), error)
+    return fit, error

@@ -11,17 +11,8 @@ from cspace.arrays import Bytes, Floats, Ints
 from cspace.compiling import kernel
 from cspace.threads import in_chunks
 
-APART: Final = 0
-"""No two balls touch."""
-
-OVERLAPPING: Final = 1
-"""Two open balls overlap."""
-
-TOUCHING: Final = 2
-"""Neither is proven; single balls are within rounding of touching."""
-
-NODE_ROUNDING: Final = 1.0 + 2.0**-40
-"""Factor by which the ball of a node grows, so that rounding cannot leave a ball outside."""
+MISS, HIT, UNDECIDED = range(3)
+"""Values of :class:`cspace.spectral.Verdict`: balls are apart, open balls overlap, or neither is proven."""
 
 MAX_PENDING_NODE_PAIRS: Final = 256
 """Capacity of the stack of pairs of nodes: four times the summed depth of two trees over 2^30 balls."""
@@ -31,16 +22,11 @@ MIN_PLACEMENTS_PER_THREAD: Final = 2_000
 
 
 class BallTree(NamedTuple):
-    """A binary tree of balls, for kernels.
+    """Binary tree of balls, for kernels.
 
-    Attributes
-    ----------
-    nodes : ndarray of float64, shape (2 n - 1, 4)
-        Center, with z = 0 in the plane, and radius of a ball that contains all balls of the node. A leaf is a ball.
-    sizes : ndarray of int64, shape (2 n - 1,)
-        Balls of the node. The children of node k are k + 1 and k + 2 * (size // 2).
-    order : ndarray of int64, shape (n,)
-        Index of the ball of each leaf, from left to right.
+    ``nodes``, shape (2 n - 1, 4), are the center, with z = 0 in the plane, and the radius of a ball that contains all
+    balls of the node; a leaf is a ball. ``sizes`` are the numbers of balls of the nodes; the children of node k are k +
+    1 and k + 2 * (size // 2). ``order``, shape (n,), are the indices of the balls of the leaves.
     """
 
     nodes: Floats
@@ -49,11 +35,7 @@ class BallTree(NamedTuple):
 
     @classmethod
     def of(cls, centers: Floats, radii: Floats) -> BallTree:
-        """Build the tree of a set of balls.
-
-        ``centers`` has shape (n, d), in the plane or in space, and ``radii`` (n,); metres. Without balls, the tree is
-        empty.
-        """
+        """Build the tree of balls, centers (n, d) and radii (n,) in metres; without balls, it is empty."""
         if not len(centers):
             return cls(np.empty((0, 4)), *np.empty((2, 0), dtype=np.int64))
         from scipy.spatial import cKDTree
@@ -73,10 +55,10 @@ class BallTree(NamedTuple):
 
 @kernel
 def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
-    """Fill a tree with sorted balls.
+    """Fill a tree with balls, shape (n, 4), in an order in which the halves of any node are far apart.
 
-    ``balls``, shape (n, 4), has centers and radii, in an order in which the halves of any node are far apart. Node k
-    gets the ball of ``nodes[k]`` and ``sizes[k]`` balls from ``starts[k]`` on; ``starts`` is scratch, zero on input.
+    Node k gets the ball of ``nodes[k]`` and ``sizes[k]`` balls from ``starts[k]`` on; ``starts`` is scratch, zero on
+    input.
     """
     sizes[0] = len(balls)
     for node in range(len(nodes)):
@@ -86,7 +68,7 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
             for axis in range(3):
                 nodes[node, axis] = balls[start, axis]
         else:
-            # The center is the bounding box's; the radius reaches beyond the farthest ball.
+            # The center is the bounding box's; the radius reaches beyond the farthest ball, in spite of rounding.
             for axis in range(3):
                 low, high = math.inf, -math.inf
                 for n in range(start, start + size):
@@ -96,7 +78,7 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
                 square = 0.0
                 for axis in range(3):
                     square += (balls[n, axis] - nodes[node, axis]) ** 2
-                radius = max(radius, NODE_ROUNDING * (math.sqrt(square) + balls[n, 3]))
+                radius = max(radius, (1.0 + 2.0**-40) * (math.sqrt(square) + balls[n, 3]))
             half = size // 2
             starts[node + 1], sizes[node + 1] = start, half
             starts[node + 2 * half], sizes[node + 2 * half] = start + half, size - half
@@ -105,35 +87,30 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
 
 @kernel
 def compare_placed(a: BallTree, b: BallTree, placement: Floats, slack: float, pending: Ints) -> int:
-    """Return APART, OVERLAPPING or TOUCHING for two ball trees.
+    """Return MISS, HIT or UNDECIDED for two ball trees.
 
     Tree a is moved by ``placement``, shape (d,). ``slack``, metres, bounds the rounding of the distance between two
     centers. ``pending`` is scratch of MAX_PENDING_NODE_PAIRS items.
     """
-    x, y, z = placement[0], placement[1], 0.0
-    if len(placement) == 3:
-        z = placement[2]
-    result, count = APART, min(1, len(a.sizes), len(b.sizes))
+    x, y, z = placement[0], placement[1], placement[2] if len(placement) == 3 else 0.0
+    result, count = MISS, min(1, len(a.sizes), len(b.sizes))
     # A pair of nodes (i, j) is stored as one number, i in its upper half.
     pending[0] = 0
     while count > 0:
         count -= 1
         i, j = pending[count] >> 32, pending[count] & 0xFFFFFFFF
-        dx, dy, dz = (
-            a.nodes[i, 0] + x - b.nodes[j, 0],
-            a.nodes[i, 1] + y - b.nodes[j, 1],
-            a.nodes[i, 2] + z - b.nodes[j, 2],
-        )
-        square, reach = dx * dx + dy * dy + dz * dz, a.nodes[i, 3] + b.nodes[j, 3]
+        p, q = a.nodes[i], b.nodes[j]
+        dx, dy, dz, reach = p[0] + x - q[0], p[1] + y - q[1], p[2] + z - q[2], p[3] + q[3]
+        square = dx * dx + dy * dy + dz * dz
         if square > (reach + slack) * (reach + slack):
             continue
         size_a, size_b = a.sizes[i], b.sizes[j]
         if size_a == 1 and size_b == 1:
             if reach > slack and square < (reach - slack) * (reach - slack):
-                return OVERLAPPING
-            result = TOUCHING
+                return HIT
+            result = UNDECIDED
         # Replace the node with the larger ball by its two children.
-        elif size_b == 1 or (size_a > 1 and a.nodes[i, 3] > b.nodes[j, 3]):
+        elif size_b == 1 or (size_a > 1 and p[3] > q[3]):
             pending[count], pending[count + 1] = (i + 1) << 32 | j, (i + 2 * (size_a // 2)) << 32 | j
             count += 2
         else:
@@ -145,16 +122,10 @@ def compare_placed(a: BallTree, b: BallTree, placement: Floats, slack: float, pe
 class ContactTest(NamedTuple):
     """Ball trees that decide whether two bodies touch, for kernels.
 
-    Attributes
-    ----------
-    outer_a, outer_b : BallTree
-        Balls that cover body a and body b; they prove that the bodies are apart.
-    inner_a, inner_b : BallTree
-        Balls that prove that the bodies overlap: balls inside them, the outer balls again, or none.
-    half_sides : ndarray, shape (d,)
-        Largest absolute coordinates of placements, metres, at which the bodies can touch.
-    slack : float
-        Bound of the rounding of the distance between two centers, metres, at such placements.
+    The balls of ``outer_a`` and ``outer_b`` cover bodies a and b; they prove that the bodies are apart. The balls of
+    ``inner_a`` and ``inner_b`` prove that they overlap: balls inside them, the outer balls again, or none.
+    ``half_sides``, shape (d,), are the largest absolute coordinates of placements, metres, at which the bodies can
+    touch, and ``slack`` bounds the rounding of the distance between two centers there.
     """
 
     outer_a: BallTree
@@ -165,10 +136,7 @@ class ContactTest(NamedTuple):
     slack: float
 
     def evaluate(self, placements: Floats) -> Bytes:
-        """Return APART, OVERLAPPING or TOUCHING for each placement of a.
-
-        ``placements`` has shape (n, d), metres, and the result shape (n,). Large batches run in threads.
-        """
+        """Return MISS, HIT or UNDECIDED, shape (n,), for placements of a, shape (n, d), metres, in threads."""
         out = np.empty(len(placements), dtype=np.uint8)
 
         def work(start: int, stop: int) -> int:
@@ -176,24 +144,18 @@ class ContactTest(NamedTuple):
             test_each(self, placements[start:stop], pending, out[start:stop])
             return -1
 
-        if len(placements) < MIN_PLACEMENTS_PER_THREAD:
-            work(0, len(placements))
-        else:
-            in_chunks(work, len(placements), MIN_PLACEMENTS_PER_THREAD)
+        in_chunks(work, len(placements), MIN_PLACEMENTS_PER_THREAD)
         return out
 
 
 @kernel
 def test_each(test: ContactTest, placements: Floats, pending: Ints, out: Bytes) -> None:
-    """Write APART, OVERLAPPING or TOUCHING for each placement of a.
-
-    ``placements`` has shape (n, d), ``out`` (n,). The outer trees are compared first; the inner trees decide the rest.
-    """
+    """Write MISS, HIT or UNDECIDED for each placement of a: the outer trees first, then the inner ones."""
     for n in range(len(placements)):
-        out[n] = APART
+        out[n] = MISS
         inside = True
         for axis in range(placements.shape[1]):
             inside = inside and abs(placements[n, axis]) <= test.half_sides[axis]
-        if inside and compare_placed(test.outer_a, test.outer_b, placements[n], test.slack, pending) != APART:
+        if inside and compare_placed(test.outer_a, test.outer_b, placements[n], test.slack, pending) != MISS:
             found = compare_placed(test.inner_a, test.inner_b, placements[n], test.slack, pending)
-            out[n] = OVERLAPPING if found == OVERLAPPING else TOUCHING
+            out[n] = HIT if found == HIT else UNDECIDED
