@@ -23,6 +23,7 @@ import numpy as np
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
 from cspace.compiling import clock, jit, kernel
 from cspace.map.edges import edge_is_free
+from cspace.map.paths import MAX_SHORTENING_SECONDS
 from cspace.map.points import around_is_free
 from cspace.map.search import BUCKETS_PER_CELL, Costs, check_deadline
 from cspace.map.storage import Map
@@ -242,10 +243,8 @@ class Nodes(NamedTuple):
     best: Floats
 
 
-def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Floats, str]:
-    """Find a path by search on a lattice.
-
-    The path consists of a drive's edges on a map in memory. ``until`` is in seconds of :data:`cspace.compiling.clock`.
+def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float) -> tuple[Floats, str]:
+    """Find a path of a drive's edges on a map in memory by search on a lattice, and shorten it.
 
     Returns
     -------
@@ -255,7 +254,9 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> 
         Names a lattice that has no path; otherwise empty.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
-    path, note, is_car = np.empty((0, 3)), "", edges.turning_radius is not None
+    if edges.edge_checker()(*start, *goal):
+        return np.array(endpoints), ""
+    path, note, is_car, until = np.empty((0, 3)), "", edges.turning_radius is not None, clock() + seconds
     yaws, steps, is_endpoint_yaw = _list_headings(endpoints)
     try:
         table, found = _spread_costs(edges, endpoints, yaws, steps, until)
@@ -272,7 +273,9 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> 
             nodes = _search(edges, lattice, start, MAX_NODES[level], until)
             if nodes.counts[LAST_NODE] >= 0:
                 traced = _trace(lattice, nodes)
-                return (traced, "") if edges.are_free(traced) else (path, note)
+                if not edges.are_free(traced):
+                    return path, note
+                return shorten_path(edges, traced, until + MAX_SHORTENING_SECONDS) if simplify else traced, ""
     except TimeoutError:
         pass
     return path, note

@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,17 +27,22 @@ from cspace.arms.inverse import PoseGoal
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
+from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.map.periodic import with_wrapped_angles
+from cspace.map.paths import pulled_straight
+from cspace.map.periodic import below_half_a_turn, with_wrapped_angles
+from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
-from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, planner_named
+from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE
 from planners.states import Configuration, check_space, kind_of
 
 if TYPE_CHECKING:
+    from cspace.tiles.space import TiledCSpace
     from planners.integrals import CostDensity, Field
+    from planners.search import Search
 
 Endpoints = tuple[Configuration, ...]
 """A start and its goals, of which a path may end at any. Only arms have several goals."""
@@ -91,18 +96,11 @@ direction of a turn.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Pieces:
+class Pieces(NamedTuple):
     """Short pieces of a path.
 
-    Attributes
-    ----------
-    centers : ndarray of float64, shape (n, size)
-        Configuration halfway along each piece.
-    lengths : ndarray of float64, shape (n,)
-        Translation along each piece, metres.
-    rotations : ndarray of float64, shape (n,)
-        Rotation along each piece, radians, zero or above.
+    ``centers``, shape (n, size), are the configurations halfway along each piece. ``lengths`` and ``rotations``, shape
+    (n,), are the translation, metres, and the rotation, radians, along each piece.
     """
 
     centers: Floats
@@ -137,37 +135,22 @@ class LocalPlanner(ABC):
     bidirectional: bool = False
 
     built_in_searches: ClassVar[tuple[str, ...]] = ()
-    """Built-in searches that follow such edges."""
-
-    follows_cells = False
-    """Whether such edges can follow any chain of cells of the map."""
+    """Built-in searches that follow such edges, the default one first."""
 
     @property
     @abstractmethod
-    def length_unit(self) -> str:
-        """Unit of lengths.
-
-        It is "m", "rad", or "rad or m" if joints of an arm have both.
-        """
+    def units(self) -> tuple[str, str]:
+        """Unit of lengths ("m", "rad", or "rad or m"), and of clearances and obstacle distances."""
 
     @property
     @abstractmethod
-    def distance_unit(self) -> str:
-        """Unit of clearances and obstacle distances."""
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest numbers of a configuration that OMPL bounds, shapes (k,)."""
 
     @property
-    def default_planner(self) -> str:
-        """Name of the planner that mostly finds a path soonest."""
-        return planner_named(None, self.drive)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Keyword arguments that make an equal local planner.
-
-        They are arguments of :func:`local_planner`.
-        """
-        names = ("exact", "drive", "turning_radius", "bidirectional")
-        return {name: getattr(self, name) for name in names}
+    @abstractmethod
+    def checking_step(self) -> float:
+        """Distance between the states that OMPL checks when it steps along a motion by itself."""
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
@@ -179,49 +162,21 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def clearance_checker(self) -> Callable[..., float]:
-        """Return a function that bounds the clearance.
-
-        ``clearance(*q)`` is a lower bound in metres of the clearance, or for an arm of the obstacle distance.
-        """
+        """Make ``clearance(*q)``, which bounds the clearance, or for an arm the obstacle distance, from below."""
 
     @abstractmethod
     def edge_checker(self) -> Callable[..., bool]:
-        """Return a function that proves edges free.
-
-        ``check(*q0, *q1)`` returns True if the edge between configurations is proven free.
-        """
+        """Make ``check(*q0, *q1)``, which returns True if the edge is proven free."""
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Return a function that proves OMPL's edges free.
-
-        ``check(first, second)`` returns True if the edge between two states of OMPL is proven free.
-        """
+        """Make ``check(first, second)``, which proves the edge between two states of OMPL free."""
         check = kind_of(self.space).of_states(self.edge_checker())
         return (lambda first, second: check(first, second) and check(second, first)) if self.bidirectional else check
 
-    def wrap_yaws(self, path: Floats) -> Floats:
-        """Return a path, shape (n, size), with its yaws in [-pi, pi)."""
-        return path
-
-    def breakpoints(self, path: Floats) -> Floats:
-        """Insert the configurations at which a motion changes.
-
-        They lie on the edges of a path, shape (n, size).
-        """
-        return path
-
-    def remove_turns(self, path: Floats) -> Floats:
-        """Remove needless turns on the spot from a path.
-
-        The shorter edges must be proven free too.
-        """
-        return path
-
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge is proven free.
+        """Return whether each edge of a path is proven free, shape (n - 1,).
 
-        For a path of n configurations, the result has shape (n - 1,). A path of one configuration counts as one edge
-        from it to itself, shape (1,).
+        A path of one configuration counts as one edge from it to itself.
         """
         check, rows = self.edge_checker(), path.tolist()
         pairs = itertools.pairwise(rows if len(rows) > 1 else 2 * rows)
@@ -232,27 +187,37 @@ class LocalPlanner(ABC):
         return bool(self.edges_are_free(path).all())
 
     @abstractmethod
-    def search(
-        self,
-        planner: str,
-        endpoints: Endpoints,
-        straight: bool,
-        seed: int | None,
-        seconds: float,
-        iterations: int | None = None,
-    ) -> Floats:
+    def search(self, search: Search, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
         """Find a path by a built-in search.
 
-        It has shape (n, size), where n is 0 if none is found. ``iterations`` is for "BiRRT", as for
-        :meth:`cspace.ArmSpace.find_path`.
+        Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice proves, in words.
         """
+
+    def shorten(self, path: Floats, until: float) -> Floats:
+        """Shorten a path by free edges between its points, until a reading of the clock; shapes (n, size)."""
+        check = below_half_a_turn(self.edge_checker(), self.space.periodic_axes)
+        rotations = self.space.rotations if isinstance(self.space, ConfigurationMap) else Rotations.of(None)
+        return pulled_straight(path, rotations, lambda *edge: clock() < until and check(*edge))
+
+    def wrap_yaws(self, path: Floats) -> Floats:
+        """Return a path, shape (n, size), with its yaws in [-pi, pi)."""
+        return path
+
+    def breakpoints(self, path: Floats) -> Floats:
+        """Insert the configurations at which the motion along a path, shape (n, size), changes."""
+        return path
+
+    def remove_turns(self, path: Floats) -> Floats:
+        """Remove needless turns on the spot from a path, as far as its edges remain proven free."""
+        return path
+
+    @abstractmethod
+    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
+        """Add rows to drive and draw a path; return it and its :attr:`planners.Plan.direction`."""
 
     @abstractmethod
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the lengths of edges, with weighted rotations.
-
-        They have shape (n,). Planners weigh rotations in the same way.
-        """
+        """Return the lengths of edges, shape (n,), with rotations weighted as planners do."""
 
     @abstractmethod
     def measure(self, path: Floats) -> tuple[float, float]:
@@ -260,52 +225,21 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Return a lower bound of path lengths.
-
-        It holds for all free paths between two configurations, with weighted rotations.
-        """
+        """Bound the lengths of all free paths between two configurations from below, with weighted rotations."""
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:
-        """Return a lower bound of the clearance along a path.
-
-        It is :attr:`planners.Plan.clearance`; NaN for an arm.
-        """
+        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`; NaN for an arm."""
 
     @abstractmethod
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below, as :attr:`planners.Plan.obstacle_distance`."""
 
-    @abstractmethod
-    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to drive and draw a path.
-
-        Returns the path and its :attr:`planners.Plan.direction`.
-        """
-
     # ---- before and after a search -----------------------------------------------------------------------------------
-
-    @property
-    @abstractmethod
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest values that OMPL bounds.
-
-        They are numbers of a configuration, shapes (k,).
-        """
-
-    @property
-    @abstractmethod
-    def checking_step(self) -> float:
-        """Distance between the states that OMPL checks.
-
-        OMPL uses it when it steps along a motion by itself.
-        """
 
     @abstractmethod
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
-        """Return a start or goal as OMPL holds it.
-
-        The yaw is wrapped, and a quaternion has norm 1.
+        """Return a start or goal as OMPL holds it: yaws wrapped, quaternions of norm 1, joints within limits.
 
         Raises ConfigurationError if no motion from it can be proven free, and InputError if it is no configuration.
         """
@@ -324,45 +258,27 @@ class LocalPlanner(ABC):
         return [(self.check_endpoint(given, "goal"), given)]
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Name the joints that are moved onto their limits.
-
-        :meth:`check_endpoint` moves them, at a start or goal. The text is empty if there are none.
-        """
+        """Name the joints that :meth:`check_endpoint` moves onto their limits; empty if there are none."""
         return ""
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
-        """Return whether a path is proven to exist.
-
-        True if it is, False if it is proven that no path exists, None if undecided.
-        """
+        """Return True if a path is proven to exist, False if proven that none does, None if undecided."""
         return None
 
     def may_join(self, exists: bool | None) -> bool:
-        """Return False if no path can join start and goal.
-
-        ``exists`` is the result of :meth:`prove_existence`.
-        """
+        """Return False if no path can join start and goal, given the result of :meth:`prove_existence`."""
         return exists is not False
 
     def describe_existence(self, exists: bool | None) -> str:
-        """Say whether a path is proven to exist.
-
-        The text is for the status of a plan without a path.
-        """
+        """Say whether a path is proven to exist, for the status of a plan without a path."""
         return "unknown whether one exists"
 
     def describe_limits(self, endpoints: Endpoints) -> list[str]:
-        """Name the limits of motions at start and goal.
-
-        The text is for the status of a plan without a path.
-        """
+        """Name the limits of motions at start and goal, for the status of a plan without a path."""
         return []
 
     def hints_without_chain(self, planner: str) -> list[str]:
-        """List what to try without a chain of FREE cells.
-
-        No such chain joins start and goal.
-        """
+        """List what to try if no chain of FREE cells joins start and goal."""
         return []
 
     def hints_after_search(
@@ -376,10 +292,7 @@ class LocalPlanner(ABC):
         return [f"more time ({time})", "another seed", "another planner"]
 
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
-        """Return one configuration as an array.
-
-        Raises InputError if its length is wrong or it is not finite.
-        """
+        """Return one configuration as an array; raise InputError if its length is wrong or it is not finite."""
         point = check_finite(q, name)
         if point.shape != (self.space.size,):
             rule = f"it must be one configuration of {self.space.size} numbers"
@@ -392,25 +305,12 @@ class EdgesOnMap(LocalPlanner):
     """Edges between configurations of a map."""
 
     space: CSpace
-    built_in_searches = (GRID, MAX_CLEARANCE, LATTICE)
-
-    @property
-    def length_unit(self) -> str:
-        """Unit of lengths of the grid."""
-        return self.space.grid.unit
-
-    @property
-    def distance_unit(self) -> str:
-        """Unit of lengths of the grid."""
-        return self.space.grid.unit
+    built_in_searches: ClassVar[tuple[str, ...]] = (LATTICE,)
 
     @property
     @abstractmethod
     def rotation_weight(self) -> float:
-        """Metres that a radian of rotation counts as.
-
-        They are part of the length of an edge.
-        """
+        """Metres that a radian of rotation counts as in the length of an edge."""
 
     @abstractmethod
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
@@ -418,10 +318,22 @@ class EdgesOnMap(LocalPlanner):
 
     @abstractmethod
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path into short pieces.
+        """Split a path into pieces of at most ``step`` metres and ``rotation`` radians."""
 
-        They have at most ``step`` metres and ``rotation`` radians.
-        """
+    @property
+    def units(self) -> tuple[str, str]:
+        """Unit of the grid, for lengths and distances."""
+        return self.space.grid.unit, self.space.grid.unit
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the grid."""
+        return np.asarray(self.space.grid.lower), np.asarray(self.space.grid.upper)
+
+    @property
+    def checking_step(self) -> float:
+        """Half a cell, in metres."""
+        return 0.5 * self.space.grid.spacing
 
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which returns True if a configuration is proven free."""
@@ -431,60 +343,45 @@ class EdgesOnMap(LocalPlanner):
         """Make ``clearance(*q)``, a lower bound of the clearance, metres."""
         return self.space.clearance_checker()
 
+    def straight_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q0, *q1)``, which returns True if a straight edge is proven free, also in a store."""
+        space: ConfigurationMap = self.space
+        if isinstance(space, CSpace):
+            return space.edge_checker(exact=self.exact)
+        size, exact = space.size, self.exact
+        return lambda *edge: bool(space.motion_is_free(edge[:size], edge[size:], exact=exact))
+
     def wrap_yaws(self, path: Floats) -> Floats:
         """Return a path, shape (n, size), with its yaws in [-pi, pi)."""
         return wrapped(path, [name == "yaw" for name in self.space.axes])
 
-    def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge is proven free.
+    def search(self, search: Search, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
+        """Find a path by "Grid", "MaxClearance" or "Lattice"."""
+        from planners.lattice import find_lattice_path
+        from planners.objectives import find_clear_path
 
-        For a path of n configurations, the result has shape (n - 1,), or (1,) if n is 1.
-        """
-        from cspace.tiles.space import TiledCSpace
-
-        space: ConfigurationMap = self.space
-        if not isinstance(space, TiledCSpace):
-            return super().edges_are_free(path)
-        # A map in a store has no edge checker, but a window around each edge has.
-        grid, free = space.grid, []
-        for edge in np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else [path]:
-            centers = self.split_path(edge, grid.spacing, MAX_RADIANS_PER_ROW).centers
-            positions, margin = np.concatenate([edge, centers])[:, : grid.dim], 2.0 * grid.spacing
-            window = space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin)
-            free += replace(self, space=window).edges_are_free(edge).tolist()
-        return np.array(free, dtype=np.bool_)
-
-    def search(
-        self,
-        planner: str,
-        endpoints: Endpoints,
-        straight: bool,
-        seed: int | None,
-        seconds: float,
-        iterations: int | None = None,
-    ) -> Floats:
-        """Find a path by "Grid" or "MaxClearance".
-
-        These are searches of the map; the path has shape (n, size).
-        """
-        if planner == MAX_CLEARANCE:
-            return self.space.find_widest_path(*endpoints, straight=straight, time_limit=seconds)
+        if search.planner == LATTICE:
+            return find_lattice_path(self, endpoints, search.simplify, seconds)
+        if search.planner == MAX_CLEARANCE:
+            return self.space.find_widest_path(*endpoints, straight=search.simplify, time_limit=seconds), ""
+        if search.objective is not None:
+            return find_clear_path(self, endpoints, search.simplify, seconds), ""
         options = {"exact": True} if self.exact else {}  # only maps in memory have geometry
-        return self.space.find_path(*endpoints, straight=straight, time_limit=seconds, **options)
+        return self.space.find_path(*endpoints, straight=search.simplify, time_limit=seconds, **options), ""
+
+    def shorten(self, path: Floats, until: float) -> Floats:
+        """Shorten a path, shape (n, size), until a reading of the clock."""
+        from planners.lattice import shorten_path
+
+        return shorten_path(self, path, until)
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return the length and the rotation of a path.
-
-        They are in metres and radians.
-        """
+        """Return the length and the rotation of a path, metres and radians."""
         pieces = self.split_path(path, math.inf, math.inf)
         return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Return a lower bound of path lengths.
-
-        It holds for all free paths between two configurations, with weighted rotations.
-        """
+        """Bound the lengths of all free paths between two configurations from below."""
         space: ConfigurationMap = self.space
         steps, dim = space.rotations._steps_between(first, last), space.grid.dim
         straight = float(np.linalg.norm(steps[:dim]))
@@ -506,11 +403,11 @@ class EdgesOnMap(LocalPlanner):
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
 
     def obstacle_distance(self, path: Floats) -> float:
-        """Return a lower bound of the obstacle distance.
+        """Bound the obstacle distance along a path from below, metres; NaN if the map has no geometry.
 
-        It holds along a path, in metres; NaN if the map has no geometry. Each edge is split into pieces on which no
-        point of the robot moves by more than half a cell. Each point stays within a quarter of a cell of its position
-        at the piece's center, so the distance there minus that much bounds the piece.
+        Each edge is split into pieces on which no point of the robot moves by more than half a cell. Each point stays
+        within a quarter of a cell of its position at the piece's center, so the distance there minus that much bounds
+        the piece.
         """
         space, step = self.space, 0.25 * self.space.grid.spacing
         pieces = self._split_or_point(path, step, step / max(space.robot.span, step))
@@ -521,22 +418,8 @@ class EdgesOnMap(LocalPlanner):
         return distance if self.are_free(path) else 0.0
 
     def _split_or_point(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path as :meth:`split_path`.
-
-        A path of one configuration becomes one piece.
-        """
+        """Split a path as :meth:`split_path`; a path of one configuration becomes one piece."""
         return self.split_path(path, step, rotation) if len(path) > 1 else Pieces(path, np.zeros(1), np.zeros(1))
-
-    @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of the grid."""
-        grid = self.space.grid
-        return np.asarray(grid.lower), np.asarray(grid.upper)
-
-    @property
-    def checking_step(self) -> float:
-        """Half a cell, in metres."""
-        return 0.5 * self.space.grid.spacing
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal in canonical form.
@@ -549,15 +432,12 @@ class EdgesOnMap(LocalPlanner):
         point: Configuration = tuple(space.rotations._make_canonical(given, name).tolist())
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
-        if inside and _is_endpoint_free(space, point, self.exact):
+        if inside and self.straight_checker()(*point, *point):
             return point
         raise self._make_endpoint_error(point, name, inside)
 
     def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
-        """Return the error for a refused start or goal.
-
-        It says why, and names the nearest FREE configuration.
-        """
+        """Make the error for a refused start or goal, which names the nearest FREE configuration."""
         space = self.space
         state = space.classify(point)
         if not inside:
@@ -582,17 +462,14 @@ class EdgesOnMap(LocalPlanner):
         return ConfigurationError(name, f"{format_point(point)} {problem}", rule, hint, value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
-        """Return whether a path is proven to exist.
-
-        True if it is, False if it is proven that no path exists, None if undecided.
-        """
+        """Return True if a path is proven to exist, False if proven that none does, None if undecided."""
         connected, disconnected = self.space._connectivity(*endpoints)
         return True if connected else False if disconnected else None
 
     def may_join(self, exists: bool | None) -> bool:
-        """Return False if no path can join start and goal.
+        """Return False if no path of such edges can join start and goal.
 
-        Only paths of such edges count. Unless the geometry decides, an edge of any drive is proven only if every closed
+        Unless the geometry decides, an edge of any drive is proven only if every closed
         cell that it touches is FREE. The cells of the grid that contain a point of the edge form a block in position
         and rotation, so they are joined through sides. Along the edge, the cells change only at points that lie in both
         the old and the new cells. So all cells of a path, including those of start and goal, belong to one component of
@@ -602,19 +479,13 @@ class EdgesOnMap(LocalPlanner):
         return exists is not False if self.exact else exists is True
 
     def describe_existence(self, exists: bool | None) -> str:
-        """Say whether a path is proven to exist.
-
-        The text is for the status of a plan without a path.
-        """
+        """Say whether a path is proven to exist, for the status of a plan without a path."""
         if exists is None:
             return "undecided whether one exists"
         return "a path exists" if self.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
 
     def describe_limits(self, endpoints: Endpoints) -> list[str]:
-        """Name the yaws proven free at start and goal.
-
-        The text is empty if all yaws are, or if the robot is holonomic.
-        """
+        """Name the yaws proven free at start and goal, unless all are or the robot is holonomic."""
         if self.drive == HOLONOMIC:
             return []
         limits = []
@@ -627,10 +498,9 @@ class EdgesOnMap(LocalPlanner):
         return limits
 
     def _find_free_yaws(self, q: Configuration) -> tuple[float, float]:
-        """Return the yaws that the robot reaches on the spot.
+        """Return the range of yaws, unwrapped, that the robot reaches on the spot through FREE cells.
 
-        They are a range, unwrapped, within FREE cells. The range is a whole revolution if all rotation cells are FREE,
-        or if that of ``q`` is not.
+        It is a whole revolution if all rotation cells are FREE, or if that of ``q`` is not.
         """
         rotations = self.space.rotations
         free = self.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
@@ -647,10 +517,7 @@ class EdgesOnMap(LocalPlanner):
         return "a finer spacing" + " or more rotations" * bool(self.space.rotations.names)
 
     def hints_without_chain(self, planner: str) -> list[str]:
-        """List what to try without a chain of FREE cells.
-
-        No such chain joins start and goal.
-        """
+        """List what to try if no chain of FREE cells joins start and goal."""
         exact = "planner='RRTConnect' with exact=True" if planner in (MAX_CLEARANCE, LATTICE) else "exact=True"
         part = "" if isinstance(self.space, CSpace) else " on space.window(lower, upper)"
         wider = ["a workspace with wider bounds"] * (self.space.outside == "free")
@@ -672,20 +539,18 @@ class EdgesOnMap(LocalPlanner):
 
 
 class StraightEdges(EdgesOnMap):
-    """Straight edges of a holonomic robot.
-
-    It turns evenly and the shorter way, as in OMPL's SE(2) and SE(3).
-    """
+    """Straight edges of a holonomic robot, which turns evenly the shorter way, as in OMPL's SE(2) and SE(3)."""
 
     rotation_weight = METRES_PER_RADIAN
-    follows_cells = True
+    built_in_searches: ClassVar[tuple[str, ...]] = (GRID, MAX_CLEARANCE)
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Return a function that proves straight edges free.
+        """Make ``check(*q0, *q1)``, which returns True if a straight edge is proven free."""
+        return self.straight_checker()
 
-        Call it as ``check(*q0, *q1)``.
-        """
-        return self.space.edge_checker(exact=self.exact)
+    def shorten(self, path: Floats, until: float) -> Floats:
+        """Shorten a path, shape (n, size), until a reading of the clock."""
+        return LocalPlanner.shorten(self, path, until)
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the straight edge."""
@@ -699,10 +564,7 @@ class StraightEdges(EdgesOnMap):
         return metres + self.rotation_weight * radians
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each edge into short equal pieces.
-
-        They have at most ``step`` metres and ``rotation`` radians.
-        """
+        """Split each edge into equal pieces of at most ``step`` metres and ``rotation`` radians."""
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
         centers = self.space.rotations._add_steps(
@@ -711,10 +573,7 @@ class StraightEdges(EdgesOnMap):
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to a path with rotations.
-
-        The robot turns by at most 5 degrees between two rows. The path has no direction.
-        """
+        """Add rows to a path, so that the robot turns by at most 5 degrees between two rows."""
         if len(path) < 2:
             return path, None
         steps, _, radians, counts = self._count_pieces(path, self.space.grid.spacing, MAX_RADIANS_PER_ROW)
@@ -728,10 +587,7 @@ class StraightEdges(EdgesOnMap):
         return np.concatenate([rows, path[-1:]]), None
 
     def _count_pieces(self, path: Floats, step: float, rotation: float) -> tuple[Floats, Floats, Floats, Ints]:
-        """Measure edges, and count the pieces that each is split into.
-
-        Returns the displacement of each edge, its metres, its radians, and the number of its pieces.
-        """
+        """Return the displacement of each edge, its metres, its radians, and the number of its pieces."""
         steps, metres, radians = self._displacements(path[:-1], path[1:])
         counts = np.maximum(np.ceil(np.maximum(metres / step, radians / rotation)), 1.0).astype(np.int64)
         return steps, metres, radians, counts
@@ -743,31 +599,25 @@ class StraightEdges(EdgesOnMap):
 
 
 class TurnDriveTurn(StraightEdges):
-    """Edges of a differential drive.
+    """Edges of a differential drive, which turns on the spot, drives straight on, and turns on the spot.
 
-    It turns on the spot, drives straight on, and turns on the spot. It turns the shorter way and drives with its x axis
-    ahead. If it reverses, it drives backwards when that takes less rotation. Each of the three parts is a straight edge
-    of the map, and proven as one; :meth:`breakpoints` gives their endpoints.
+    It turns the shorter way and drives with its x axis ahead. If it reverses, it drives backwards when that takes less
+    rotation. Each of the three parts is proven as a straight edge; :meth:`breakpoints` gives their endpoints.
 
     OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`): its interpolation stays
     within 1e-8 of the map's side of the line, and its distance counts metres alone.
     """
 
-    follows_cells = False
+    built_in_searches = (LATTICE,)
+    shorten = EdgesOnMap.shorten
 
     def make_states(self) -> ob.StateSpace:
-        """Create OMPL's state space for a robot that turns on the spot.
-
-        Its curves have a tiny turning radius. It has no bounds.
-        """
+        """Make OMPL's state space of curves with a tiny turning radius, without bounds."""
         return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * self.space.grid.spacing * max(self.space.grid.shape))
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Return a function that proves edges free.
-
-        ``check(*q0, *q1)`` returns True if all three parts of the edge are proven free.
-        """
-        is_free, heading = self.space.edge_checker(exact=self.exact), self.heading
+        """Make ``check(*q0, *q1)``, which returns True if all three parts of the edge are proven free."""
+        is_free, heading = self.straight_checker(), self.heading
 
         def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
             yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
@@ -789,10 +639,7 @@ class TurnDriveTurn(StraightEdges):
         return total
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the lengths of edges, shape (n,).
-
-        A length is the metres of an edge plus half the radians of its turns.
-        """
+        """Return the metres of edges plus half the radians of their turns, shape (n,)."""
         offsets = ends[:, :2] - starts[:, :2]
         ahead, stays = np.arctan2(offsets[:, 1], offsets[:, 0]), (offsets == 0.0).all(axis=1)
         yaws = np.where(stays, starts[:, 2], ahead), np.where(stays, starts[:, 2], ahead + math.pi)
@@ -801,10 +648,7 @@ class TurnDriveTurn(StraightEdges):
         return np.asarray(np.linalg.norm(offsets, axis=1) + self.rotation_weight * least)
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-        """Return the yaw at which the robot drives along an edge.
-
-        It is ``yaw0`` if the robot only turns.
-        """
+        """Return the yaw at which the robot drives along an edge; ``yaw0`` if it only turns."""
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
@@ -818,10 +662,7 @@ class TurnDriveTurn(StraightEdges):
         return super().are_free(self.breakpoints(path))
 
     def breakpoints(self, path: Floats) -> Floats:
-        """Insert the configurations at which a motion changes.
-
-        The robot begins to turn or to drive there.
-        """
+        """Insert the configurations at which the robot begins to turn or to drive."""
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
@@ -831,11 +672,7 @@ class TurnDriveTurn(StraightEdges):
         return np.array(waypoints).reshape(-1, 3)
 
     def remove_turns(self, path: Floats) -> Floats:
-        """Let the robot turn only once at each waypoint.
-
-        The waypoints of the result have the yaw of arrival. A waypoint keeps its yaw if the edges before and after it
-        are not proven free with the other.
-        """
+        """Give each waypoint the yaw of arrival, if the edges to and from it are then proven free."""
         check, rows = self.edge_checker(), path.tolist()
         for k in range(1, len(rows) - 1):
             arrival = [*rows[k][:2], self.heading(*rows[k - 1], *rows[k])]
@@ -844,17 +681,11 @@ class TurnDriveTurn(StraightEdges):
         return np.array(rows).reshape(-1, 3)
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split turns and drives into short pieces.
-
-        They have at most ``step`` metres and ``rotation`` radians.
-        """
+        """Split turns and drives into pieces of at most ``step`` metres and ``rotation`` radians."""
         return super().split_path(self.breakpoints(path), step, rotation)
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to the turns of a path.
-
-        Returns the direction of each row too: 1 ahead, -1 back, 0 on the spot.
-        """
+        """Add rows to the turns of a path; directions are 1 ahead, -1 back, 0 on the spot."""
         rows, _ = super().resample(self.breakpoints(path))
         ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
         signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
@@ -862,30 +693,23 @@ class TurnDriveTurn(StraightEdges):
 
 
 class JointMotions(LocalPlanner):
-    """Motions of an arm.
-
-    All joints move in step, continuous joints the shorter way.
-    """
+    """Motions of an arm, whose joints move in step, continuous joints the shorter way."""
 
     space: ArmSpace
     built_in_searches = (BIRRT,)
-    default_planner = BIRRT
-    distance_unit = "m"
+    checking_step = JOINT_CHECKING_STEP
 
     @property
-    def length_unit(self) -> str:
-        """Units of the joints: "rad", "m", or "rad or m"."""
-        return " or ".join(dict.fromkeys(self.space.units))
+    def units(self) -> tuple[str, str]:
+        """Units of the joints, "rad", "m", or "rad or m", and of distances."""
+        return " or ".join(dict.fromkeys(self.space.units)), "m"
 
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which returns True if a configuration is proven free."""
         return self.space.point_checker()
 
     def clearance_checker(self) -> Callable[..., float]:
-        """Return a function that bounds the obstacle distance.
-
-        ``clearance(*q)`` is a lower bound in metres; 0 beyond the joints' limits.
-        """
+        """Make ``clearance(*q)``, which bounds the obstacle distance from below, metres; 0 beyond limits."""
 
         def clearance(*q: float) -> float:
             try:
@@ -900,39 +724,22 @@ class JointMotions(LocalPlanner):
         return with_wrapped_angles(self.space.edge_checker(), self.space.periodic_axes)
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each motion is proven free.
-
-        For a path of n configurations, the result has shape (n - 1,), or (1,) if n is 1.
-        """
+        """Return whether each motion is proven free, shape (n - 1,), or (1,) if n is 1."""
         starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return np.asarray(self.space.motion_is_free(starts, ends))
 
-    def search(
-        self,
-        planner: str,
-        endpoints: Endpoints,
-        straight: bool,
-        seed: int | None,
-        seconds: float,
-        iterations: int | None = None,
-    ) -> Floats:
-        """Find a path by "BiRRT", the arm's own search.
-
-        It has shape (n, size), and is the first path unless ``straight``.
-        """
-        searches = iterations if straight else 0
+    def search(self, search: Search, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
+        """Find a path by "BiRRT", the arm's own search; the first path if it is not simplified."""
+        options = {"iterations": search.iterations if search.simplify else 0, "seed": search.seed}
         start, *goals = endpoints
-        return self.space.find_path(start, goals, straight=straight, iterations=searches, seed=seed, time_limit=seconds)
+        return self.space.find_path(start, goals, straight=search.simplify, time_limit=seconds, **options), ""
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of motions in the joints, shape (n,)."""
         return np.asarray(np.linalg.norm(shorter(ends - starts, self.space.periodic_axes), axis=1))
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return the length of a path in the joints.
-
-        The second result is 0, for its rotation.
-        """
+        """Return the length of a path in the joints, and 0 for its rotation."""
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
 
     def min_length(self, first: Floats, last: Floats) -> float:
@@ -944,10 +751,7 @@ class JointMotions(LocalPlanner):
         return math.nan
 
     def obstacle_distance(self, path: Floats) -> float:
-        """Return a lower bound of the obstacle distance.
-
-        It holds along a path, between links and obstacles and between links, in metres.
-        """
+        """Bound the distances along a path of links from obstacles and each other from below, metres."""
         return self.space.path_obstacle_distance(path)
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
@@ -961,15 +765,8 @@ class JointMotions(LocalPlanner):
         # revolutions.
         return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
 
-    @property
-    def checking_step(self) -> float:
-        """Distance in the joints between the states that OMPL checks."""
-        return JOINT_CHECKING_STEP
-
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
-        """Return a start or goal within the limits.
-
-        Joints are moved onto limits, and angles are wrapped.
+        """Return a start or goal with joints moved onto their limits, and angles wrapped.
 
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if it is no
         configuration.
@@ -1029,10 +826,7 @@ class JointMotions(LocalPlanner):
         raise ConfigurationError(name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest)
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Name the joints that are moved onto their limits.
-
-        :meth:`check_endpoint` moves them, at a start or goal. The text is empty if there are none.
-        """
+        """Name the joints that :meth:`check_endpoint` moves onto their limits; empty if there are none."""
         arm, point = self.space.arm, self._check_size(q, name)
         excess = np.abs(arm._clamp(point) - point)
         rows = zip(arm.joints, excess.tolist(), arm.units, strict=True)
@@ -1041,11 +835,11 @@ class JointMotions(LocalPlanner):
 
 
 class CarCurves(EdgesOnMap):
-    """Edges along the shortest curve of a car.
+    """Edges along the shortest curve of a car, on a map with the axes x, y, yaw.
 
-    The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into pieces. All cells
-    that meet the box around a piece must be FREE (:mod:`planners.car_curves`). A curve that leaves the grid is not
-    proven. If several curves are equally short, OMPL may drive another than ours, so all of them are proven.
+    Each edge is proven along the curve itself, which is split into pieces. All cells that meet the box around a piece
+    must be FREE (:mod:`planners.car_curves`). A curve that leaves the grid is not proven. If several curves are equally
+    short, OMPL may drive another than ours, so all of them are proven.
     """
 
     rotation_weight = 0.0
@@ -1055,17 +849,33 @@ class CarCurves(EdgesOnMap):
         """Turning radius in metres."""
         return float(self.turning_radius or math.nan)
 
+    @property
+    def kind(self) -> int:
+        """Index of the drive in :data:`CURVES`."""
+        return CURVES.index(self.drive)
+
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space of the curves, without bounds."""
         return _CURVE_SPACES[self.drive](self.radius)
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Return a function that proves curves free.
-
-        ``check(*q0, *q1)`` returns True if the shortest curves are proven free.
-        """
+        """Make ``check(*q0, *q1)``, which returns True if the shortest curves are proven free."""
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
+
+    def edges_are_free(self, path: Floats) -> Bools:
+        """Return whether each edge is proven free, shape (n - 1,), or (1,) if n is 1; also in a store."""
+        given: object = self.space
+        if isinstance(given, CSpace):
+            return super().edges_are_free(path)
+        space = cast("TiledCSpace", given)
+        grid, free = space.grid, []
+        for edge in np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else [path]:
+            centers = self.split_path(edge, grid.spacing, MAX_RADIANS_PER_ROW).centers
+            positions, margin = np.concatenate([edge, centers])[:, :2], 2.0 * grid.spacing
+            window = space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin)
+            free += replace(self, space=window).edges_are_free(edge).tolist()
+        return np.array(free, dtype=np.bool_)
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
@@ -1074,10 +884,9 @@ class CarCurves(EdgesOnMap):
         return make_curve_cost(self.space, self.kind, self.radius, field, density)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Return a function that proves OMPL's curves free.
+        """Make ``check(first, second)``, which proves the curve between two states of OMPL free.
 
-        ``check(first, second)`` returns True if the curve between two states of OMPL is proven free. OMPL's curve must
-        be as short as ours, because only the shortest curves are proven.
+        OMPL's curve must be as short as ours, because only the shortest curves are proven.
         """
         prove, states = kind_of(self.space).of_states(self.length_prover()), self.make_states()
         tolerance = 1e-6 * self.radius
@@ -1089,10 +898,7 @@ class CarCurves(EdgesOnMap):
         return check
 
     def length_prover(self) -> Callable[..., float]:
-        """Return a function that measures free curves.
-
-        ``prove(*q0, *q1)`` is the length of the shortest curve, in metres, if it is proven free, otherwise -1.
-        """
+        """Make ``prove(*q0, *q1)``, the metres of the shortest curve if it is proven free, otherwise -1."""
         from planners.car_curves import make_length_prover
 
         return make_length_prover(self.space, self.kind, self.radius)
@@ -1106,10 +912,7 @@ class CarCurves(EdgesOnMap):
         return self.radius * float(np.abs(self._word(first, last)[1]).sum())
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each curve into short pieces.
-
-        They have at most ``step`` metres and ``rotation`` radians.
-        """
+        """Split each curve into pieces of at most ``step`` metres and ``rotation`` radians."""
         curves = [self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
         if not curves:
             return Pieces(np.empty((0, 3)), np.empty(0), np.empty(0))
@@ -1117,11 +920,7 @@ class CarCurves(EdgesOnMap):
         return Pieces(centers, lengths, np.abs(rotations))
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Sample the curves between the rows of a path.
-
-        Samples are at most a cell and 5 degrees apart. The second result is the direction in which each row is reached:
-        1 ahead, -1 in reverse.
-        """
+        """Sample the curves of a path, at most a cell and 5 degrees apart; directions are 1 ahead, -1 in reverse."""
         rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
         for a, b in itertools.pairwise(path):
             points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
@@ -1134,10 +933,7 @@ class CarCurves(EdgesOnMap):
         return np.concatenate(rows), np.concatenate([first, direction])
 
     def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
-        """Return configurations on the curve between two others, shape (n, 3).
-
-        ``position`` holds distances along the curve, metres, shape (n,).
-        """
+        """Return configurations, shape (n, 3), at distances ``position`` along a curve, metres, shape (n,)."""
         steering, lengths = self._word(first, last)
         yaws = first[2] + np.cumsum([0.0, *steering * lengths])
         starts = np.cumsum([0.0, *np.abs(lengths[:-1])])
@@ -1149,16 +945,8 @@ class CarCurves(EdgesOnMap):
         offsets = breakpoints[segment] + _segment_offsets(steering[segment], along, yaws[segment])
         return np.column_stack([first[:2] + self.radius * offsets, yaws[segment] + steering[segment] * along])
 
-    @property
-    def kind(self) -> int:
-        """Index of the drive in :data:`CURVES`."""
-        return CURVES.index(self.drive)
-
     def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
-        """Return the steering and lengths of a curve.
-
-        The steering of its segments is 1, -1 or 0; lengths are in radii, negative in reverse.
-        """
+        """Return the steering (1, -1 or 0) and the lengths (radii, negative in reverse) of a curve's segments."""
         from planners.car_curves import shortest_word
 
         steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
@@ -1225,9 +1013,7 @@ def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:
 
 
 def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:
-    """Return the turning radius of a drive.
-
-    It is in metres; None for drives without curves.
+    """Return the turning radius of a drive, metres; None for drives without curves.
 
     Raises InputError as :func:`local_planner`, which also compares the radius with the map's spacing.
     """
@@ -1258,30 +1044,14 @@ def format_point(point: Iterable[float]) -> str:
     return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
 
 
-def _is_endpoint_free(space: ConfigurationMap, q: Configuration, exact: bool) -> bool:
-    """Return True if a configuration is proven free.
-
-    The proof is that of the edge from it to itself.
-    """
-    if isinstance(space, CSpace):
-        return space.edge_checker(exact=exact)(*q, *q)
-    return space.motion_is_free(q, q, exact=exact)
-
-
 def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the edge of each piece, and its index.
-
-    The index counts the pieces on that edge; edge k has ``counts[k]`` pieces.
-    """
+    """Return the edge of each piece, and its index on that edge; edge k has ``counts[k]`` pieces."""
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _segment_offsets(steering: Floats, lengths: Floats, yaws: Floats) -> Floats:
-    """Return the displacements along segments.
-
-    Segments start at some yaws. The result, shape (n, 2), is in turning radii.
-    """
+    """Return the displacements along segments that start at ``yaws``, shape (n, 2), in turning radii."""
     after = yaws + steering * lengths
     x = np.where(steering, steering * (np.sin(after) - np.sin(yaws)), lengths * np.cos(yaws))
     y = np.where(steering, steering * (np.cos(yaws) - np.cos(after)), lengths * np.sin(yaws))

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -41,15 +40,8 @@ from planners.local_planner import (
     format_point,
     local_planner,
 )
-from planners.objectives import (
-    ClearanceObjective,
-    OverlapObjective,
-    WeightedLength,
-    edges_on_map,
-    find_clear_path,
-    overlap_field,
-)
-from planners.passages import Passages, skip_waypoints
+from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
+from planners.passages import Passages
 from planners.result import Plan, Times
 from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
 from planners.setup import MakeObjective
@@ -58,11 +50,11 @@ from planners.states import kind_of
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
-MAX_SKIPPED_WAYPOINTS: Final = 32
-"""Largest number of waypoints that one edge may skip to shorten a path through tiles."""
-
 GRID_TIME_SHARE: Final = 0.5
-"""Share of the time limit after which OMPL's default planner takes over from "Grid"."""
+"""Share of the time limit after which another search takes over from "Grid", or from passages."""
+
+FIRST_SLOT_SHARE: Final = 0.1
+"""Share of the time limit, at most 1 s, that OMPL's planner has before passages are searched; most are wide enough."""
 
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan without a search, because every path would follow such a chain."""
@@ -121,12 +113,11 @@ def choices(space: ConfigurationSpace) -> Choices:
     >>> choices.planners[-2:], choices.drives, choices.curves
     (('Grid', 'MaxClearance'), ('holonomic',), ())
     """
-    searches = local_planner(space).built_in_searches
+    searches, is_car = local_planner(space).built_in_searches, space.axes == CAR_AXES
     if not isinstance(space, CSpace):
-        searches = tuple(name for name in searches if name != MAX_CLEARANCE)  # it needs a map in memory
-    is_car = space.axes == CAR_AXES
-    searches = tuple(name for name in searches if name != LATTICE or is_car)
-    return Choices((*planner_names(), *searches), DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
+        searches = searches[:1]  # MaxClearance needs a map in memory
+    names = (*planner_names(), *searches, *[LATTICE] * is_car)
+    return Choices(names, DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
 
 
 def plan(
@@ -215,8 +206,7 @@ def plan(
         Largest number of checks of OMPL's termination condition, about one for each iteration of the planner; of
         BiRRT's further searches for a shorter path. Not for PRM, PRMstar and the built-in searches of maps.
     simplify : bool
-        Whether to shorten the path; OMPL also smooths it. The result is kept only if it is certified and no worse by
-        the objective.
+        Whether to shorten the path. The result is kept only if it is certified and no worse by the objective.
     seed : int, optional
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance", "overlap"} or callable
@@ -232,8 +222,8 @@ def plan(
     exact : bool
         Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages hardly wider than the
         robot; slower. "Grid" tests the centers of MIXED cells on its way. If it finds no path, the map is undecided and
-        the robot holonomic, samples cross the MIXED cells of a chain of cells, and the planner joins its FREE
-        stretches; this can take seconds. Not for curves.
+        the robot holonomic, samples cross the MIXED cells of a chain of cells, also if RRT, RRTConnect or a relative of
+        KPIECE finds none at once; this can take seconds. Not for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion of the robot along an edge, which is proven along that motion. All but the first are for maps of
         (x, y, yaw), with the reference point in the middle of the axle that does not steer.
@@ -285,16 +275,10 @@ def plan(
     )
     exists = task.edges.prove_existence(task.endpoints)
     subproblems = space._tile_subproblems(*task.endpoints[:2]) if task.edges.may_join(exists) else []
-    if exists or len(subproblems) > 1 or task.edges.exact:
+    if exists or task.edges.exact:
         task = _prefer_built_in(task)
     result = _search_tile_by_tile(task, subproblems, exists)
-    searched = time.perf_counter()
-    status, hint = _describe_outcome(task, result, exists, bool(subproblems))
-    reached = kind_of(space).reached_goal(result.path, task.endpoints) if len(result.path) else 0
-    given = zip((start, task.given_goals[max(reached, 1) - 1]), ("start", "goal"), strict=True)
-    clamping = [task.edges.explain_clamping(*each) for each in given]
-    status = "; ".join(filter(None, (status, *clamping)))
-    return _make_plan(task, result, reached, exists, status, hint, began, searched)
+    return _make_plan(task, start, result, exists, began)
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,7 +336,8 @@ def _check_arguments(
     if planner is None:
         # OMPL's default planner ignores objectives, but the map's own search weighs clearance.
         by_grid = objective == CLEARANCE and isinstance(edges, EdgesOnMap) and edges.drive == HOLONOMIC
-        name = GRID if by_grid and iterations is None and not exact else edges.default_planner
+        name = GRID if by_grid and iterations is None and not exact else name
+        name = BIRRT if BIRRT in edges.built_in_searches else name
     check_flag(simplify, "simplify")
     search = Search(
         planner=name,
@@ -376,16 +361,14 @@ def _check_arguments(
 def _check_built_in_search(task: _Task) -> None:
     """Raise InputError if a built-in search does not support the space or another option."""
     edges, name = task.edges, task.search.planner
-    if name not in edges.built_in_searches:
+    if (name == BIRRT) != (BIRRT in edges.built_in_searches):
         rule, hint = f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps", "leave planner out"
         raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
     keeps_away = name == GRID and task.objective == CLEARANCE
     decides_mixed = name == GRID and not keeps_away
     options = {
         "objective": None if keeps_away else task.objective,
-        "exact": edges.exact
-        and edges.follows_cells
-        and not decides_mixed,  # without cells, the geometry decides anyway
+        "exact": edges.exact and name != BIRRT and edges.drive == HOLONOMIC and not decides_mixed,
         "drive": edges.drive,
         "iterations": None if name == BIRRT else task.search.iterations,
     }
@@ -464,79 +447,76 @@ def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exi
         part = replace(edges, space=open_part())
         endpoints = tuple(first.tolist()), tuple(last.tolist()), *task.endpoints[2:]
         search = task.search_on(part.space)
-        result = _plan_subproblem(search, part, endpoints, exists, task.time_limit)
-        if is_tiled and not len(result.path) and edges.drive == HOLONOMIC:
-            result = _plan_subproblem(replace(search, planner=GRID), part, endpoints, exists, task.time_limit)
+        if is_tiled and edges.drive == HOLONOMIC and search.planner not in BUILT_IN_SEARCHES:
+            search = replace(search, fallback=GRID)
+        result = _search(search, part, endpoints, exists, task.time_limit)
         planning, simplification = planning + result.planning, simplification + result.simplification
-        result = replace(result, path=edges.wrap_yaws(result.path))
+        result = replace(result, path=edges.wrap_yaws(result.path), planning=planning, simplification=simplification)
         waypoints = edges.breakpoints(result.path)
         result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if not is_tiled or not result.proven:
             where = f" from {format_point(endpoints[0])} to {format_point(endpoints[1])}" * is_tiled
-            return replace(result, where=where, planning=planning, simplification=simplification)
+            return replace(result, where=where)
         path = np.concatenate([path[:-1], result.path])
     if not subproblems:
         return SearchResult(path)
     began = clock()
     if task.search.simplify and task.search.objective is None and edges.drive == HOLONOMIC:
-        path = skip_waypoints(edges.space, path, MAX_SKIPPED_WAYPOINTS)
+        path = edges.shorten(path, began + task.time_limit)
     return SearchResult(path, f"through {len(subproblems)} tiles", planning, simplification + clock() - began, True)
 
 
-def _plan_subproblem(
+def _search(
     search: Search, edges: LocalPlanner, endpoints: Endpoints, exists: bool | None, limit: float
 ) -> SearchResult:
-    """Search a path in a space in memory: by a built-in search, along a chain of cells, or by OMPL."""
+    """Search a path in a space in memory: by a built-in search, by OMPL, or along a chain of cells."""
     if endpoints[0] in endpoints[1:]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
-    if search.planner not in BUILT_IN_SEARCHES:
-        if isinstance(edges, EdgesOnMap) and edges.follows_cells and edges.exact and exists is None:
-            return Passages(search, edges, limit).run(*endpoints[:2])
-        return search.run(edges, endpoints, limit, joined=exists is True)
-    if search.planner == LATTICE and isinstance(edges, EdgesOnMap):
-        result = _search_lattice(search, edges, endpoints, limit)
-    else:
+    stops_at_first_path = search.planner in PLANNERS_WITHOUT_OBJECTIVE and search.iterations is None
+    if search.planner in BUILT_IN_SEARCHES:
         result = _search_built_in(search, edges, endpoints, limit)
-    left = limit - result.planning
+    elif exists is None and isinstance(edges, EdgesOnMap) and edges.drive == HOLONOMIC and stops_at_first_path:
+        result = _search_passages(search, edges, endpoints, limit)
+    else:
+        result = search.run(edges, endpoints, limit)
+    left = limit if search.fallback == GRID else limit - result.planning
     if len(result.path) or search.fallback is None or left <= 0.0:
         return result
-    by_ompl = replace(search, planner=search.fallback, fallback=None)
-    other = _plan_subproblem(by_ompl, edges, endpoints, exists, left)
+    other = _search(replace(search, planner=search.fallback, fallback=None), edges, endpoints, exists, left)
     note = f"by {search.fallback}, as {search.planner} found none" if len(other.path) else other.note
     return replace(other, note=note, planning=result.planning + other.planning, lattice=result.lattice)
 
 
 def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float) -> SearchResult:
-    """Search by a built-in search; one with a fallback gets a share of the time limit."""
+    """Search by a built-in search; "Grid" with a fallback gets a share of the time limit."""
     # A search from the start to itself fills the caches of the map, which the time limit leaves out.
-    if search.objective is not None and isinstance(edges, EdgesOnMap):
-        find = partial(find_clear_path, edges)
-    else:
-        find = partial(edges.search, search.planner, seed=search.seed, iterations=search.iterations)
-    find((endpoints[0], endpoints[0]), straight=False, seconds=limit)
-    seconds = limit if search.fallback is None else max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
+    edges.search(replace(search, simplify=False), (endpoints[0], endpoints[0]), limit)
+    seconds = limit
+    if search.fallback is not None and search.planner == GRID:
+        seconds = max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
-    path = find(endpoints, straight=search.simplify, seconds=seconds)
-    note = NO_SEARCH if search.planner == GRID and search.objective is None and len(path) == 2 else ""
-    return SearchResult(path, note, clock() - began)
+    path, proof = edges.search(search, endpoints, seconds)
+    is_by_length = search.planner == LATTICE or (search.planner == GRID and search.objective is None)
+    return SearchResult(path, NO_SEARCH * (is_by_length and len(path) == 2), clock() - began, lattice=proof)
 
 
-def _search_lattice(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
-    """Find a path on a lattice of headings within ``limit`` seconds, and shorten it; empty if there is none."""
-    from planners.lattice import find_lattice_path, shorten_path
+def _search_passages(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
+    """Search by OMPL, then along chains of FREE and MIXED cells, then by OMPL again."""
+    result = search.run(edges, endpoints, min(FIRST_SLOT_SHARE * limit, 1.0))
+    if len(result.path):
+        return result
+    edges.space.is_free(np.array(endpoints[:1]), exact=True)  # fills caches of exact geometry, outside the limit
+    began, left = clock(), limit - result.planning
+    rng, until = np.random.default_rng(search.seed), began + GRID_TIME_SHARE * left
+    path = Passages(edges, rng, until).find(endpoints)
+    if not len(path):
+        return search.run(edges, endpoints, max(left - (clock() - began), 1e-3))
+    planning, began = result.planning + clock() - began, clock()
+    path = edges.shorten(path, began + limit - planning) if search.simplify else path
+    return SearchResult(path, "through undecided passages", planning, clock() - began)
 
-    if edges.edge_checker()(*endpoints[0], *endpoints[1]):
-        return SearchResult(np.array(endpoints), NO_SEARCH)
-    began = clock()
-    path, note = find_lattice_path(edges, endpoints, began + limit)
-    planning = clock() - began
-    if not len(path) or not search.simplify:
-        return SearchResult(path, "", planning, lattice=note)
-    path = shorten_path(edges, path, began + limit + GRACE_SECONDS)
-    return SearchResult(path, "", planning, clock() - began - planning)
 
-
-def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None, searched: bool) -> tuple[str, str]:
+def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
     """Return the status of a plan, and a hint if no path was found though one may exist."""
     edges, planner = task.edges, task.search.planner
     if len(result.path):
@@ -544,7 +524,7 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None, se
     if exists is False:
         return "no path exists: proven", ""
     existence = edges.describe_existence(exists)
-    if not searched:
+    if not edges.may_join(exists):
         return f"{NO_CHAIN}; {existence}", _join_hints(edges.hints_without_chain(planner))
     given = {
         "exact=True": edges.exact,
@@ -570,21 +550,16 @@ def _join_hints(hints: list[str]) -> str:
     return ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
 
 
-def _make_plan(
-    task: _Task,
-    result: SearchResult,
-    reached: int,
-    exists: bool | None,
-    status: str,
-    hint: str,
-    began: float,
-    searched: float,
-) -> Plan:
+def _make_plan(task: _Task, given: ArrayLike, result: SearchResult, exists: bool | None, began: float) -> Plan:
     """Make the plan of a search, with the measures of its path.
 
-    ``reached`` is the index of the goal among the endpoints, 0 if none was reached.
-    ``began`` and ``searched`` are readings of ``time.perf_counter`` before the checks and after the search.
+    ``given`` is the start as the user gave it; ``began`` is a reading of ``time.perf_counter`` before all checks.
     """
+    searched = time.perf_counter()
+    status, hint = _describe_outcome(task, result, exists)
+    reached = kind_of(task.edges.space).reached_goal(result.path, task.endpoints) if len(result.path) else 0
+    ends = zip((given, task.given_goals[max(reached, 1) - 1]), ("start", "goal"), strict=True)
+    status = "; ".join(filter(None, (status, *(task.edges.explain_clamping(*each) for each in ends))))
     edges, search = task.edges, task.search
     waypoints = edges.breakpoints(result.path)
     solved = len(waypoints) > 0
@@ -602,8 +577,8 @@ def _make_plan(
         goal=goal,
         axes=edges.space.axes,
         units=edges.space.units,
-        length_unit=edges.length_unit,
-        distance_unit=edges.distance_unit,
+        length_unit=edges.units[0],
+        distance_unit=edges.units[1],
         direction=direction,
         solved=solved,
         certified=reached > 0 and result.proven,

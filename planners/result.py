@@ -47,7 +47,7 @@ class Times:
     planning : float
         The search.
     simplification : float
-        OMPL's simplification of the path.
+        Shortening the path; built-in searches count it as planning.
     checking : float
         The final check of every edge.
     """

@@ -13,8 +13,8 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.space import CSpace
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
-from planners.local_planner import HOLONOMIC, EdgesOnMap, LocalPlanner, local_planner
-from planners.states import Configuration, kind_of
+from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
+from planners.states import kind_of
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
@@ -71,29 +71,6 @@ def _make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
     if not states.getType():
         states.setup()  # otherwise OMPL crashes when it prints the projection of a compound space
     return states
-
-
-def _set_resolution(si: ob.SpaceInformation, edges: LocalPlanner) -> None:
-    """Set the distance between states that OMPL checks.
-
-    OMPL uses it when it steps along a motion by itself.
-    """
-    si.setStateValidityCheckingResolution(edges.checking_step / si.getStateSpace().getMaximumExtent())
-
-
-def narrow_bounds(setup: og.SimpleSetup, edges: EdgesOnMap, start: Configuration) -> None:
-    """Limit the states of a set-up to a component.
-
-    Its bounds become the bounding box of the start's component of FREE cells. This loses no path: a path through FREE
-    cells of the grid stays in that box.
-    """
-    space = edges.space
-    lower, upper = space.reachable_bounds(start)
-    position = start[: len(lower)]
-    # The rounding of a cell's corner must not put the start outside.
-    box = np.minimum(lower, position).tolist(), np.maximum(upper, position).tolist()
-    kind_of(space).set_bounds(setup.getStateSpace(), *box)
-    _set_resolution(setup.getSpaceInformation(), edges)
 
 
 def simple_setup(
@@ -159,8 +136,10 @@ def make_setup(
     space, setup = edges.space, og.SimpleSetup(_make_bounded_states(edges))
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
-    si.setMotionValidator(MotionValidator(si, space, **edges.options))
-    _set_resolution(si, edges)
+    options = {"exact": edges.exact, "bidirectional": edges.bidirectional}
+    si.setMotionValidator(MotionValidator(si, space, drive=edges.drive, turning_radius=edges.turning_radius, **options))
+    # OMPL checks states that far apart when it steps along a motion by itself.
+    si.setStateValidityCheckingResolution(edges.checking_step / si.getStateSpace().getMaximumExtent())
     si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
     if objective is not None:
         setup.setOptimizationObjective(_make_checked(objective, si, ob.OptimizationObjective, "objective"))

@@ -5,13 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from ompl import base as ob
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 import planners
 from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
-from planners import search
 from planners.local_planner import TurnDriveTurn, local_planner
 from tests.handmade import fill_boxes
 from tests.maps import proven_paths
@@ -176,27 +172,6 @@ def test_every_planner_finds_a_drivable_path(planner: str) -> None:
         plan = plan_patiently(space, ENDPOINTS["turning"], (0.1, 0.5, 20.0), planner=planner, drive=drive)
         check(space, plan, *ENDPOINTS["turning"])
         check_driven(plan, drive)
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_a_roadmap_path_is_shortest_including_its_rotations(drive: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    space, made, real = build_room("turning"), list[ob.Planner](), search.make_planner
-    monkeypatch.setattr(search, "make_planner", lambda *of: made.append(real(*of)) or made[-1])
-    plan = planners.plan(
-        space, *ENDPOINTS["turning"], planner="PRMstar", drive=drive, time_limit=0.2, seed=1, simplify=False
-    )
-    check(space, plan, *ENDPOINTS["turning"])
-    roadmap = ob.PlannerData(made[-1].getSpaceInformation())
-    made[-1].getPlannerData(roadmap)
-    states = [roadmap.getVertex(v).getState() for v in range(roadmap.numVertices())]
-    rows = np.array([(state.getX(), state.getY(), state.getYaw()) for state in states])
-    edges = np.array([(a, b) for a in range(len(rows)) for b in roadmap.getEdges(a)])
-    first, last = rows[edges[:, 0]], rows[edges[:, 1]]
-    turning = np.abs(turns(first, last, drive)[1:]).sum(axis=0)
-    lengths = np.linalg.norm((last - first)[:, :2], axis=1) + 0.5 * turning
-    graph = coo_array((lengths, tuple(edges.T)), shape=(len(rows), len(rows))).tocsr()
-    least = dijkstra(graph, indices=roadmap.getStartIndex(0))[roadmap.getGoalIndex(0)]
-    assert plan.length + 0.5 * plan.total_rotation == pytest.approx(least, abs=1e-6)
 
 
 @pytest.mark.parametrize("drive", DRIVES)

@@ -518,9 +518,10 @@ def test_a_planner_without_a_path_improves_a_quick_path(name: str, curve: str | 
     space, endpoints, drive = build_room(name), endpoints_in(name, curve), options_for(curve)
     si = planners.simple_setup(space, **drive).getSpaceInformation()
     objective, costs = planners.ClearanceObjective(si, space, **drive), []
-    options: dict[str, Any] = {"planner": "RRTstar", "iterations": 1, "time_limit": 60.0, "seed": 1, **drive}
+    options: dict[str, Any] = {"planner": "RRTstar", "iterations": 1, "time_limit": 5.0, "seed": 1, **drive}
     assert not planners.plan(space, *endpoints, **options).solved
-    quick = planners.plan(space, *endpoints, simplify=False, **options | {"planner": None, "iterations": None})
+    default = {"planner": "RRT" if curve == "dubins" else "RRTConnect", "iterations": None}
+    quick = planners.plan(space, *endpoints, simplify=False, **options | default)
     for plan in (quick, planners.plan(space, *endpoints, objective="clearance", **options)):
         check(space, plan, *endpoints)
         states = [make_state(space, si, q) for q in plan.waypoints]
