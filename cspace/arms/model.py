@@ -53,8 +53,8 @@ _FIRST_SAMPLES: Final = 4
 class JointValues(dict[str, float]):
     """Values of all joints of a robot by name, radians or metres, such as a robot's state in a file.
 
-    :meth:`Arm.configuration` takes those of joints that move, and ``Arm.from_urdf(held_joints=)`` those of others. Both
-    skip joints that mimic others, and refuse unknown joints.
+    :meth:`cspace.Arm.configuration` takes those of joints that move, and ``Arm.from_urdf(held_joints=)`` those of
+    others. Both skip joints that mimic others, and refuse unknown joints.
     """
 
 

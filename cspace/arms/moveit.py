@@ -65,7 +65,7 @@ class AttachedObject(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanningScene:
-    """A MoveIt planning scene; :func:`read_moveit_scene` reads one.
+    """A MoveIt planning scene; :func:`cspace.arms.read_moveit_scene` reads one.
 
     Pass it to :func:`cspace.build_arm_space` as the obstacles.
 
@@ -292,7 +292,7 @@ class JointGoal(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionPlanRequest:
-    """A MoveIt motion plan request; :func:`read_moveit_request` reads one.
+    """A MoveIt motion plan request; :func:`cspace.arms.read_moveit_request` reads one.
 
     Attributes
     ----------

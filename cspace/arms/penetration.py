@@ -19,15 +19,15 @@ class ArmPenetration:
     """Overlap of an arm's balls with fixed balls, summed over the links, and its derivatives by the joints.
 
     The overlap is zero if no balls meet, grows with the depth, and is smooth, so that optimizers can pull a path out of
-    obstacles. It proves nothing: prove the path with :meth:`ArmSpace.certify_path`. Links are not tested against each
-    other.
+    obstacles. It proves nothing: prove the path with :meth:`cspace.ArmSpace.certify_path`. Links are not tested against
+    each other.
 
     Parameters
     ----------
     arm : Arm
     links : mapping of str to balls
-        Balls of each link, in the frame of that name (:attr:`Arm.frames`), metres: an object with ``centers`` and
-        ``radii``, or (centers, radii), for example a result of :func:`cspace.spectral.decompose`.
+        Balls of each link, in the frame of that name (:attr:`cspace.Arm.frames`), metres: an object with ``centers``
+        and ``radii``, or (centers, radii), for example a result of :func:`cspace.spectral.decompose`.
     obstacles : balls
         In the frame of the arm's base, metres.
     bump, band, tolerance

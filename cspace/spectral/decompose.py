@@ -312,10 +312,10 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
     InputError if the shape is too thin or the tolerance too small.
     """
     inside = _inner_candidates(lattice)
-    open_cells, gap = 0, None
+    is_proven, gap = False, None
     if number is None:
         cover, balls = _choose_cover(lattice, inside, (tolerance or 0.0) / lattice.side, inside=True)
-        open_cells = len(cover.open_cells)
+        is_proven = not len(cover.open_cells)
         centers = lattice.to_metres(balls.centers[cover.trim(balls) > 0.0])
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
@@ -329,7 +329,9 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
         raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
     if gap is None or not inside_shape.all():
         gap = bound_shape_to_balls(lattice, centers, radii)[:2]
-    if open_cells and gap[1] > (tolerance or 0.0):
+    if tolerance is not None and gap[1] > tolerance:
+        if is_proven and inside_shape.all():  # all cells lie in the balls grown by less than the tolerance
+            return centers, radii, (min(gap[0], tolerance), tolerance), len(radii)
         problem = f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the shape only"
         rule, hint = "parts thinner than the lattice have no balls", "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", problem, rule, hint, value=tolerance)
@@ -351,7 +353,7 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
         raise InputError(name, problem, "their union must contain the shape", f"pass a larger {name}", value=value)
-    centers, radii, tried = lattice.to_metres(balls.centers), balls.reaches * lattice.side, len(balls.reaches)
+    centers, radii, tried = lattice.to_metres(balls.centers), _radii_of(balls, lattice), len(balls.reaches)
     if number is not None:
         # Covering whole cells takes more than covering the shape, so only the centers are kept; each ball around them
         # grows as the shape needs. Balls that fill the shape are nearer where it is smooth, so they are tried too.
@@ -367,14 +369,16 @@ def _choose_equal_balls(
     """Choose balls of one radius, as :func:`_fill_shape` and :func:`_cover_shape` do.
 
     For each of several radii, balls in the shape are chosen that cover all cells after the least growth, or after
-    growing by the tolerance. Balls that cover the shape are these, grown by their distance from the shape.
+    growing by the tolerance. Balls that cover the shape are these, grown by their distance from the shape. They may
+    also have centers outside, as for lines; then the radius before growing is negative.
     """
     region, limit = lattice.region, number or UNLIMITED_BALLS
     best, growth = None, 2.0 * region.size / lattice.side if tolerance is None else tolerance / lattice.side
     radii = float(lattice.depths.max()) * 0.75 ** np.arange(12)
-    for radius in [*radii[radii > 0.0].tolist(), *([0.0] if kind == "outer" else [])]:
-        inside = np.flatnonzero((lattice.depths >= radius) | (radius == 0.0))
-        inside = inside[:: -(-len(inside) // MAX_CANDIDATES)]
+    outside = np.array([0.0, 0.5, 1.0] if kind == "outer" else []) * min(float(lattice.depths.min()), 0.0)
+    for radius in [*radii[radii > 0.0].tolist(), *np.unique(outside)[::-1].tolist()]:
+        inside = np.flatnonzero(lattice.depths >= radius)
+        inside = inside[:: max(-(-len(inside) // MAX_CANDIDATES), 1)]
         sizes = np.full(len(inside), radius)
         balls = LatticeBalls(lattice.cell_centers[inside], sizes, sizes)
         # Only radii that need less growth than those before, or as many balls at most, are of use.
@@ -392,8 +396,11 @@ def _choose_equal_balls(
     centers = lattice.to_metres(best.centers)
     radius = max(0.0, float(region.depths(centers).min()))
     gap = bound_shape_to_balls(lattice, centers, np.full(len(centers), radius))[:2]
-    if kind == "outer":
-        radius = (radius + gap[1]) * (1.0 + 2.0**-40)
+    covering = float(_radii_of(best, lattice)[0])  # balls of this radius contain all cells
+    if kind == "inner":
+        gap = min(gap[0], max(covering - radius, 0.0)), min(gap[1], max(covering - radius, 0.0))
+    else:
+        radius = min((radius + gap[1]) * (1.0 + 2.0**-40), covering)
         gap = bound_balls_to_shape(region, centers, np.full(len(centers), radius))
     return centers, np.full(len(centers), radius), gap, len(centers)
 
@@ -401,8 +408,17 @@ def _choose_equal_balls(
 def _grow_equally(lattice: Lattice, balls: LatticeBalls, growth: float, number: int) -> LatticeBalls | None:
     """Choose at most ``number`` balls that cover all cells after growing, in sides, or return None."""
     cover = Cover(lattice, whole=True)
-    chosen = cover.choose(balls._replace(reaches=balls.depths + growth), number)
-    return None if len(cover.open_cells) else balls.select(chosen)
+    grown = balls._replace(reaches=balls.depths + growth)
+    chosen = cover.choose(grown, number)
+    return None if len(cover.open_cells) else grown.select(chosen)
+
+
+def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
+    """Return radii, metres, with which balls contain all of their cells, but less than their reaches.
+
+    The difference is larger than the rounding of coordinates and depths, so that no ball sticks out too far.
+    """
+    return (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
 
 
 def _nearest_balls(
@@ -505,7 +521,7 @@ def _choose_cover(
             _deepest_points(lattice, open_cells) if stage == 2 else (candidates, _balls_at_cell_centers(lattice))[stage]
         )
         offered = offered._replace(reaches=offered.depths + reach)
-        offered = offered.select(offered.depths >= (0.0 if inside else -np.inf))
+        offered = offered.select(offered.depths > (0.0 if inside else -np.inf))
         if len(open_cells) < len(lattice.cell_centers):  # balls that reach no open cell add nothing
             bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
             offered = offered.select(

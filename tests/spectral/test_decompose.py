@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
@@ -78,8 +78,7 @@ def make_balls(shape, size, kind, limit):
     if "number" in limit:
         assert len(balls) <= limit["number"]
     else:
-        slack = 1.0 if kind == "outer" else 1.1
-        assert balls.hausdorff.upper <= options["tolerance"] * slack * (1 + 1e-9)
+        assert balls.hausdorff.upper <= options["tolerance"]
     return balls
 
 
@@ -208,6 +207,28 @@ def test_64_balls_fill_most_of_a_shape(shape):
 def test_balls_bound_random_polygons(vertices, kind, limit, seed):
     shape = shapely.Polygon(vertices)
     check_plane(make_balls(vertices, diagonal(shape), kind, limit), shape, np.random.default_rng(seed))
+
+
+@settings(max_examples=40)
+@example([(0, 0), (1, 0.3), (1, 0.35)], "outer", 0.1 / math.hypot(1.0, 0.35), True, 0)
+@given(
+    st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=3)
+    | st.tuples(st.floats(-1, 1), st.floats(0.003, 0.1)).map(lambda each: [(0, 0), (1, each[0]), (1, sum(each))])
+    | stars(),
+    st.sampled_from(BALL_KINDS),
+    st.floats(0.02, 0.3),
+    st.booleans(),
+    seeds,
+)
+def test_balls_meet_the_tolerance(vertices, kind, part, equal_radii, seed):
+    shape = shapely.Polygon(vertices)
+    assume(shape.is_valid and shape.area > 1e-3 * diagonal(shape) ** 2)
+    try:
+        balls = make_balls(shape, diagonal(shape), kind, {"part": part, "equal_radii": equal_radii})
+    except InputError as error:
+        assert kind == "inner" and error.argument in {"shape", "tolerance"}
+    else:
+        check_plane(balls, shape, np.random.default_rng(seed))
 
 
 def check_solid(balls, mesh, rng):
