@@ -84,7 +84,8 @@ class PlanningScene:
         Values of the robot's joints; empty if the file has none.
     padding : dict of str to float
         Metres that are added to the margin between a link, with all that it carries, and obstacles. MoveIt grows the
-        shapes of the link instead, and a box keeps its corners, which are farther away.
+        shapes of the link instead, and a box keeps its corners, which are farther away. What is attached later needs
+        ``padding=`` of its own.
     """
 
     source: str

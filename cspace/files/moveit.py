@@ -20,8 +20,18 @@ WORLD: Final = "world"
 MAX_NAMES: Final = 10_000
 """Maximum number of names in an allowed collision matrix."""
 
-MAX_POSITION_METRES: Final = 1e7
-"""Largest coordinate of a position, metres; there, rounding is 2e-9 m."""
+MAX_POSITION_METRES: Final = 1e3
+"""Largest coordinate of a position, metres.
+
+There, rounding is 1e-13 m, less than :data:`cspace.exact.DISTANCE_ROUNDING` at a metre: a pose in a far frame may lead
+back to the arm.
+"""
+
+_BASE_VARIABLES: Final = {
+    **dict.fromkeys(("x", "y", "theta", "trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z"), 0.0),
+    "rot_w": 1.0,
+}
+"""MoveIt's variables of planar and floating joints, after ``JOINT/``, and their values at the identity."""
 
 _IDENTITY_QUATERNION: Final = (0.0, 0.0, 0.0, 1.0)
 
@@ -163,7 +173,7 @@ def parse_pose(value: Any, place: str) -> Floats:
     position = np.zeros(3) if given[0] is None else parse_numbers(given[0], 3, f"position of {place}")
     if np.abs(position).max() > MAX_POSITION_METRES:
         problem = f"has a position beyond {MAX_POSITION_METRES:g} m at {place}"
-        raise ContentError(problem, "its digits would be lost", "write the scene in a nearer frame")
+        raise ContentError(problem, "its digits would be lost", "use metres and a nearer frame")
     quaternion = np.array(_IDENTITY_QUATERNION)
     if given[1] is not None:
         quaternion = parse_numbers(given[1], 4, f"orientation of {place}")
@@ -250,6 +260,10 @@ def parse_robot_state(value: Any, place: str) -> RobotValues:
         problem = f"has {len(names)} joints but {len(given)} positions at {place}"
         raise ContentError(problem, "each joint needs one", "add or remove some")
     values = parse_numbers(list(given), len(names), f"positions of {place}").tolist()
+    for name, value in zip(names, values, strict=True):
+        if abs(value - _BASE_VARIABLES.get(name.rpartition("/")[2], value)) > MOTION_ROUNDING and "/" in name:
+            problem = f"moves the robot by {name!r} of {place}"
+            raise ContentError(problem, "an arm's base is fixed", "remove it, and pass base_pose= to build_arm_space")
     floating = check_table(
         state.get("multi_dof_joint_state"),
         f"multi_dof_joint_state of {place}",

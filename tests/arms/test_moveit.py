@@ -416,6 +416,9 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
         {"robot_state": carry("a", make_object("b", header={"frame_id": "box"}))},
         "has poses in the frame 'box', which is of object 'box'; MoveIt places them by that object",
     ),
+    ({"robot_state": joint_state({"world_joint/theta": 0.1})}, "moves the robot by 'world_joint/theta' of robot_state"),
+    ({"robot_state": joint_state({"base/trans_z": -1})}, "moves the robot by 'base/trans_z' of robot_state; an arm's"),
+    ({"robot_state": joint_state({"base/rot_w": 0})}, "moves the robot by 'base/rot_w' of robot_state"),
     ({"robot_state": {"is_diff": True}}, "has is_diff: true at robot_state; it only changes another state"),
     ({"robot_state": {"is_diff": "yes please"}}, "as is_diff of robot_state; it must be true or false"),
     (

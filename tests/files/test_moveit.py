@@ -379,7 +379,7 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
         "has a resource and vertices at meshes",
     ),
     ([{"id": "a", "meshes": [{"vertices": [], "dimensions": [1, 1, 1]}]}], "has dimensions without resource at meshes"),
-    ([make_primitive("box", [1, 1, 1], make_pose((2e7, 0, 0)))], r"has a position beyond 1e\+07 m at primitive_poses"),
+    ([make_primitive("box", [1, 1, 1], make_pose((1500, 0, 0)))], "has a position beyond 1000 m at primitive_poses"),
     ([{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}], "of its 1 vertices at meshes"),
     ([{"id": "a", "meshes": [{"vertices": [], "triangles": []}]}], "has no triangles"),
     ([{"id": "a", "meshes": [{"resource": "package://none/x.stl"}]}], "does not exist"),
