@@ -22,10 +22,9 @@ _DRAWS_PER_BATCH: Final = 256
 
 
 class StateValidityChecker(ob.StateValidityChecker):
-    """Checker of OMPL's states on a certified map.
+    """Checker of OMPL's states: a state is valid if a certified map, or the geometry of an arm, proves it free.
 
-    The states of an arm are tested by its geometry. A state is valid if it is proven free. States in MIXED cells of a
-    map are invalid, unless ``exact`` is set and the geometry proves them free.
+    States in MIXED cells of a map are invalid, unless ``exact`` is set and the geometry proves them free.
 
     Parameters
     ----------
@@ -51,9 +50,7 @@ class StateValidityChecker(ob.StateValidityChecker):
     def clearance(self, state: ob.State) -> float:
         """Bound the clearance of a state from below, in metres.
 
-        On a map, the distance to the nearest position that is not FREE, at the state's rotation, as
-        :meth:`cspace.CSpace.clearance`. For an arm, its distance from obstacles and of links from each other, as
-        :meth:`cspace.ArmSpace.obstacle_distance`.
+        On a map, as :meth:`cspace.CSpace.clearance`; for an arm, as :meth:`cspace.ArmSpace.obstacle_distance`.
         """
         if self._clearance is None:
             # Distances cost a pass over the map, and few planners need them.
@@ -61,10 +58,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         return self._clearance(state)
 
     def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
-        """Replace the checks by a function.
-
-        None restores them. The deadline of a plan replaces them.
-        """
+        """Replace the checks, as the deadline of a plan does; None restores them."""
         self._is_free = replacement or self._query_space
         if type(self) is StateValidityChecker:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["isValid"] = self._is_free
@@ -88,10 +82,8 @@ class MotionValidator(ob.MotionValidator):
     space : CSpace or ArmSpace
     exact : bool
         Whether the geometry itself decides motions that the map does not.
-    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+    drive, turning_radius
         As for :func:`planners.plan`.
-    turning_radius : float, optional
-        Metres; for curves, which need it.
     bidirectional : bool
         Whether an edge must also be free from its end to its start. Planners that follow edges both ways (BFMT,
         BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive backwards.
@@ -139,19 +131,14 @@ class MotionValidator(ob.MotionValidator):
         return self._is_free(first, second)
 
     def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
-        """Replace the proofs by a function.
-
-        None restores them. The deadline of a plan replaces them.
-        """
+        """Replace the proofs, as the deadline of a plan does; None restores them."""
         self._is_free = replacement or self._query_space
         if type(self) is MotionValidator:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["checkMotion"] = self._is_free
 
 
 class FreeStateSampler(ob.ValidStateSampler):
-    """Sampler of FREE states, without rejection.
-
-    States are uniform over the free area or volume.
+    """Sampler of FREE states, uniform over the free area or volume, without rejection.
 
     Parameters
     ----------
@@ -196,14 +183,9 @@ class FreeStateSampler(ob.ValidStateSampler):
         return True
 
     def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
-        """Sample a FREE state near another one.
+        """Set ``state`` to a FREE configuration near another, within a distance along each axis, metres and radians.
 
-        ``state`` is set to a configuration within ``distance`` of ``near`` along each axis, in metres and in radians.
-
-        Returns
-        -------
-        bool
-            False if none was found in ``getNrAttempts`` draws; ``state`` is then unchanged.
+        Returns False if none was found in ``getNrAttempts`` draws; ``state`` is then unchanged.
         """
         center, dim = self._kind.read(near), len(self._box)
         rotations, numbers = self._rotations, self._numbers

@@ -84,11 +84,10 @@ def make_curve_cost(
 def prove_length(
     map_: Map, kind: int, radius: float, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
 ) -> float:
-    """Return the length of a curve proven free.
+    """Return the length, metres, of the shortest curve, or -1 if it does not lie in FREE cells of the grid.
 
-    It is the shortest curve between two configurations, in metres; -1 if it does not lie in FREE cells of the grid. If
-    the lengths of several curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may
-    drive any one.
+    If the lengths of several curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot
+    may drive any one.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
     if is_swapped(kind, q0, q1):
@@ -121,10 +120,9 @@ def prove_length(
 def curve_cost(
     map_: Map, field: Field, density: CostDensity, curve: tuple[int, float], both: tuple[float, ...]
 ) -> float:
-    """Integrate the cost along the shortest curve.
+    """Integrate the cost along the shortest curve between ``both`` configurations.
 
-    The midpoint rule has steps of at most one cell and 5 degrees. ``both`` holds the numbers of both configurations,
-    one after the other.
+    The midpoint rule has steps of at most one cell and 5 degrees.
     """
     (kind, radius), (x0, y0, yaw0, x1, y1, yaw1) = curve, both
     steering, lengths, _ = shortest_word(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1))
@@ -175,11 +173,7 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
 
 @jit
 def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
-    """Return the shortest word between two configurations.
-
-    The result is its steering, lengths and gap. The gap would be infinite if no word reached the goal, which cannot
-    happen.
-    """
+    """Return the steering, lengths and gap of the shortest word between two configurations."""
     steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
     swapped = is_swapped(kind, q0, q1)
     _, gap = find_shortest_words(kind, radius, (q1, q0) if swapped else (q0, q1), -math.inf, steering, lengths)
@@ -190,10 +184,7 @@ def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, F
 
 @kernel
 def reverse(steering: Ints, lengths: Floats) -> None:
-    """Reverse a word in place.
-
-    It then leads from its end to its start.
-    """
+    """Reverse a word in place, so that it leads from its end to its start."""
     for k in range(3):
         steering[k], steering[4 - k] = steering[4 - k], steering[k]
         lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
@@ -201,10 +192,9 @@ def reverse(steering: Ints, lengths: Floats) -> None:
 
 @kernel
 def is_swapped(kind: int, q0: Pose, q1: Pose) -> bool:
-    """Return True if a curve is computed backwards.
+    """Return True if a curve is computed from its end to its start, and then reversed.
 
-    It is then computed from the second configuration to the first, and reversed. So the curves of a car that reverses
-    are the same both ways, even if several are equally short.
+    So the curves of a car that reverses are the same both ways, even if several are equally short.
     """
     if kind == DUBINS or q0[0] < q1[0]:
         return False
@@ -258,10 +248,7 @@ def total_length(lengths: Floats) -> float:
 
 @kernel
 def advance(pose: Pose, turn: int, length: float) -> Pose:
-    """Return the pose at the end of a segment.
-
-    Lengths are in turning radii.
-    """
+    """Return the pose at the end of a segment, in turning radii."""
     x, y, yaw = pose
     if turn == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
@@ -277,20 +264,14 @@ def _around(angle: float) -> float:
 
 @jit
 def _forward_arc(angle: float, snap: float) -> float:
-    """Wrap an arc into [0, 2 pi).
-
-    Arcs within ``snap`` below 2 pi become 0.
-    """
+    """Wrap an arc into [0, 2 pi); arcs within ``snap`` below 2 pi become 0."""
     angle -= TWO_PI * math.floor(angle / TWO_PI)
     return 0.0 if angle > TWO_PI - snap else angle
 
 
 @kernel
 def _gap(steering: Ints, lengths: Floats, goal: Pose) -> float:
-    """Return the distance between a word and its goal.
-
-    It is measured at the end of the word: the larger of a distance in turning radii and an angle in radians.
-    """
+    """Return the larger of the distance, turning radii, and the angle, radians, between a word's end and its goal."""
     pose = (0.0, 0.0, 0.0)
     for k in range(5):
         if lengths[k] != 0.0:
@@ -301,10 +282,7 @@ def _gap(steering: Ints, lengths: Floats, goal: Pose) -> float:
 
 @kernel
 def is_new(steering: Ints, lengths: Floats, count: int) -> int:
-    """Return 1 if a word is new, otherwise 0.
-
-    The word in row ``count`` must differ from all words before it.
-    """
+    """Return 1 if the word in row ``count`` differs from all words before it, otherwise 0."""
     for row in range(count):
         difference = 0.0
         for k in range(5):
@@ -317,10 +295,7 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
 
 @kernel
 def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
-    """Write all words that might lead to a configuration.
-
-    They begin at the origin. Returns their number.
-    """
+    """Write all words that might lead from the origin to a configuration, and return their number."""
     x, y, phi = goal
     count = 0
     for symmetry in range(4):
@@ -349,10 +324,7 @@ def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) ->
 
 @kernel
 def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
-    """Return the outer arcs of words of four arcs.
-
-    The first and the last arc follow from formulas of Reeds and Shepp.
-    """
+    """Return the outer arcs of words of four arcs, by formulas of Reeds and Shepp."""
     delta = _around(u - v)
     a, b = math.sin(u) - math.sin(delta), math.cos(u) - math.cos(delta) - 1.0
     t = math.atan2(eta * a - xi * b, xi * a + eta * b)
@@ -364,10 +336,7 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
 
 @kernel
 def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Lengths]:
-    """Return the word of a form to (x, y, phi).
-
-    The result is its steering and lengths; zeros if the form cannot reach the configuration.
-    """
+    """Return the steering and lengths of a form's word to (x, y, phi); zeros if it cannot reach it."""
     half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))
     if form == 0:
         return (1, 0, 0, 0, 0), (phi, 0.0, 0.0, 0.0, 0.0)

@@ -87,12 +87,9 @@ def planner_names() -> tuple[str, ...]:
 
 
 def planner_named(name: str | None, drive: str = "holonomic") -> str:
-    """Return a planner's name as OMPL spells it.
+    """Return a planner's name, given in any case, as OMPL spells it; None gives the default.
 
-    ``name`` may have any case; None gives the planner that is mostly the fastest for the drive.
-
-    Raises InputError if the name is unknown (the message lists all names), or if the planner cannot plan with the
-    drive.
+    Raises InputError if the name is unknown, or if the planner cannot plan with the drive.
     """
     if name is None:
         # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves that arrive.
@@ -115,29 +112,24 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """Create an OMPL planner by name.
-
-    :data:`PLANNER_SETTINGS` limits the work of its steps, so that it stops at the time limit.
-    """
+    """Create an OMPL planner by name, with its settings in :data:`PLANNER_SETTINGS`."""
     planner = getattr(og, name)(si)
     PLANNER_SETTINGS.get(name, lambda made: None)(planner)
     return planner
 
 
 def _disable_pruning(planner: Any) -> None:
-    """Switch off the pruning of BIT*.
+    """Switch off the pruning of BIT*, which rebuilds its search tree at every 500th sample.
 
-    BIT* prunes samples one by one and rebuilds its search tree at every 500th sample. Along curves, one such step takes
-    minutes, so the planner would exceed its time limit.
+    Along curves, one such step takes minutes, so the planner would exceed its time limit.
     """
     planner.setPruning(False)
 
 
 def _reduce_samples_along_curves(planner: Any) -> None:
-    """Let FMT begin with fewer samples if edges are curves.
+    """Let FMT begin with fewer samples if edges are curves; it draws more if needed.
 
-    A step of FMT measures from each neighbor to all samples, which takes tenths of a second along curves. FMT draws
-    more samples if these do not suffice.
+    A step of FMT measures from each neighbor to all samples, which takes tenths of a second along curves.
     """
     if isinstance(planner.getSpaceInformation().getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace)):
         planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)

@@ -26,10 +26,10 @@ MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 
 
 class CostDensity(NamedTuple):
-    """Cost of a metre of path.
+    """Cost of a metre where a field has some value: ``1 + weight * max(0, offset + slope * value)**2``.
 
-    For a field's value, it is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as
-    ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of the cost of the whole edge.
+    A radian of rotation counts as ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of
+    the cost of the whole edge.
     """
 
     offset: float
@@ -40,10 +40,7 @@ class CostDensity(NamedTuple):
 
 
 def value_at(field: Field, map_: Map, q: Numbers) -> float:
-    """Return the value of a field at a configuration.
-
-    Compiled code dispatches on the type of the field.
-    """
+    """Return the value of a field at a configuration; compiled code dispatches on the field's type."""
     raise NotImplementedError
 
 
@@ -71,10 +68,9 @@ def cost_at(map_: Map, field: Field, density: CostDensity, q: Numbers) -> float:
 
 @kernel
 def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numbers) -> float:
-    """Integrate the cost along a straight edge.
+    """Integrate the cost along a straight edge between ``both`` configurations.
 
-    The midpoint rule has steps of at most one cell and 5 degrees. ``both`` holds the numbers of both configurations,
-    one after the other.
+    The midpoint rule has steps of at most one cell and 5 degrees.
     """
     q0 = map_.lower + map_.rotations.zeros()
     q1, size, dim, square = q0, len(q0), len(map_.lower), 0.0

@@ -112,146 +112,67 @@ TURN_LEFT, TURN_RIGHT, DRIVE_AHEAD, DRIVE_BACK = range(4)
 """Motions of a robot that turns on the spot. A robot that does not reverse has the first three."""
 
 NODE_COUNT, NODES_WAITING, NODES_EXPANDED, LOWEST_BUCKET, LAST_NODE = range(5)
-"""Indices into :attr:`Nodes.counts`."""
+"""Indices into :attr:`Nodes.counts`: numbers of nodes, lowest bucket that is not empty, last node before the goal."""
 
 
 class Cells(NamedTuple):
     """Lattice of grid cells and h headings.
 
     States are numbered ``place * h + heading``. Places are the grid cells, row by row, with :data:`PAD` cells around
-    them.
-
-    Attributes
-    ----------
-    free, turns : ndarray of uint64, shape (places,)
-        Bit k is set if the place is FREE at heading k, and if the robot may turn from heading k to k + 1.
-    width : int
-        Places in a row.
-    steps : ndarray of int64, shape (h,)
-        Change of place by a drive along each heading.
-    touched : ndarray of int64, shape (h, n)
-        Places between the ends of a drive that it touches, relative to its start.
-    lengths, angles : ndarray of float64, shape (h,)
-        Cost of a drive, and of the turn to the next heading, in cells.
-    reverse_weight : float
-        Cost of a drive in reverse, as a multiple of that of the drive ahead; infinite if the robot does not reverse.
-    start : int
-        State at which the search ends.
-    angles_to_start : ndarray of float64, shape (h,)
-        Least cost of turning to the heading of the start, in cells.
-    margin : float
-        Cells of cost by which the search goes on past the start.
+    them. Costs are in cells.
     """
 
-    free: Words
-    turns: Words
-    width: int
-    steps: Ints
-    touched: Ints
-    lengths: Floats
-    angles: Floats
-    reverse_weight: float
-    start: int
-    angles_to_start: Floats
-    margin: float
+    free: Words  # of each place, bit k is set if it is FREE at heading k
+    turns: Words  # of each place, bit k is set if the robot may turn from heading k to k + 1
+    width: int  # places in a row
+    steps: Ints  # of each heading, the change of place by a drive
+    touched: Ints  # of each heading, the places that a drive touches between its ends, relative to its start
+    lengths: Floats  # of each heading, the cost of a drive
+    angles: Floats  # of each heading, the cost of the turn to the next one
+    reverse_weight: float  # cost of a drive in reverse over that ahead; infinite if the robot does not reverse
+    start: int  # state at which the search ends
+    angles_to_start: Floats  # of each heading, the least cost of turning to that of the start
+    margin: float  # cost by which the search goes on past the start
 
 
 class Lattice(NamedTuple):
-    """Motions of a robot, and costs to its goal.
+    """Motions of a robot, m from each of h headings, and costs to its goal, in metres."""
 
-    There are m motions from each of h headings.
-
-    Attributes
-    ----------
-    kind : int
-        Kind of the curves of a car, see :mod:`planners.car_curves`; -1 for robots that turn on the spot.
-    reverses : bool
-        Whether the robot also drives in reverse.
-    headings : ndarray of float64, shape (h,)
-        Yaws, radians.
-    radius : float
-        Turning radius, metres.
-    side : float
-        Side of the cells, each of which holds one configuration for each heading, metres.
-    next_heading : ndarray of int64, shape (h, m)
-        Heading after each motion.
-    offsets : ndarray of float64, shape (h, m, 2)
-        Displacement along each motion, metres.
-    costs : ndarray of float64, shape (h, m)
-        Cost of each motion, metres.
-    steering, lengths : ndarray, shape (m, 5)
-        Motions of a car, as words of one segment.
-    goal : tuple of float
-        Configuration.
-    nearest : ndarray of int64, shape (h,)
-        For each heading, the index of the nearest heading of ``table``.
-    columns : int
-        Number of headings of ``table``.
-    unreached : float
-        Metres added to the straight distance to the goal where the table is 0.
-    table : ndarray of float32, shape (places * columns,)
-        Cost from each state of :class:`Cells` to the goal, plus 1, in cells, of either sign; 0 if not reached.
-    """
-
-    kind: int
+    kind: int  # of a car's curves, see planners.car_curves; -1 for robots that turn on the spot
     reverses: bool
-    headings: Floats
-    radius: float
-    side: float
-    next_heading: Ints
-    offsets: Floats
-    costs: Floats
-    steering: Ints
-    lengths: Floats
+    headings: Floats  # yaws, radians
+    radius: float  # turning radius
+    side: float  # of the cells, each of which holds one configuration for each heading
+    next_heading: Ints  # (h, m), the heading after each motion
+    offsets: Floats  # (h, m, 2), the displacement along each motion
+    costs: Floats  # (h, m)
+    steering: Ints  # (m, 5), motions of a car, as words of one segment
+    lengths: Floats  # (m, 5)
     goal: Pose
-    nearest: Ints
-    columns: int
-    unreached: float
-    table: Costs
+    nearest: Ints  # of each heading, the nearest heading of the table
+    columns: int  # headings of the table
+    unreached: float  # added to the straight distance to the goal where the table is 0
+    table: Costs  # of each state of Cells, the cost to the goal plus 1, in cells, of either sign; 0 if not reached
 
 
 class Nodes(NamedTuple):
-    """Configurations reached, and the queue of nodes.
+    """Configurations reached, and the queue of nodes; -1 stands for none."""
 
-    Attributes
-    ----------
-    poses : ndarray of float64, shape (n, 3)
-        Configurations.
-    keys : ndarray of int64, shape (n, 2)
-        Hash key of the cell and heading, and heading.
-    costs : ndarray of float64, shape (n,)
-        Cost of the path; infinite once a cheaper path into the same cell replaced it.
-    links : ndarray of int64, shape (n, 3)
-        Previous node, motion that led here, and next node in the same bucket; -1 for none.
-    table : ndarray of int64, shape (2 ** k,)
-        Hash table of nodes by cell and heading; -1 if empty.
-    buckets : ndarray of int64, shape (QUEUE_BUCKETS,)
-        First node of each bucket of the queue; -1 if empty.
-    counts : ndarray of int64, shape (5,)
-        Numbers of nodes, of waiting and of expanded nodes, lowest bucket, and the last node before the goal, or -1.
-    best : ndarray of float64, shape (1,)
-        Cost of the path to the goal.
-    """
-
-    poses: Floats
-    keys: Ints
-    costs: Floats
-    links: Ints
-    table: Ints
-    buckets: Ints
-    counts: Ints
-    best: Floats
+    poses: Floats  # (n, 3)
+    keys: Ints  # (n, 2), hash key of the cell and heading, and heading
+    costs: Floats  # of the path to each node; infinite once a cheaper path into the same cell replaced it
+    links: Ints  # (n, 3), previous node, motion that led here, next node in the same bucket
+    table: Ints  # hash table of nodes by cell and heading
+    buckets: Ints  # first node of each bucket of the queue
+    counts: Ints  # see NODE_COUNT and so on
+    best: Floats  # (1,), cost of the path to the goal
 
 
 def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float) -> tuple[Floats, str]:
-    """Find a path of a drive's edges on a map in memory by search on a lattice, and shorten it.
+    """Find a path on a lattice for a map in memory, and shorten it.
 
-    Returns
-    -------
-    path : ndarray of float64, shape (n, 3)
-        Configurations (x, y, yaw); n is 0 if no path is found in time.
-    note : str
-        Names a lattice that has no path; otherwise empty.
+    Returns configurations (x, y, yaw), shape (n, 3), where n is 0 if no path is found in time, and a note that names a
+    lattice that has no path.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     if edges.edge_checker()(*start, *goal):
@@ -282,18 +203,10 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, s
 
 
 def _list_headings(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
-    """List the headings of a lattice.
+    """List the headings of a lattice, which include the yaws of start and goal.
 
-    They include the yaws of start and goal.
-
-    Returns
-    -------
-    yaws : ndarray of float64, shape (h,)
-        Ascending, radians.
-    steps : ndarray of int64, shape (h, 2)
-        Cells along x and y of a drive along each heading. At the yaw of start or goal it is only near that yaw.
-    is_endpoint_yaw : ndarray of bool, shape (h,)
-        True for yaws that only start or goal have.
+    Returns their yaws, ascending; the cells along x and y of a drive along each, shape (h, 2), which at the yaw of
+    start or goal is only near that yaw; and whether only start or goal has that yaw.
     """
     steps = _list_steps(MAX_STEP_CELLS)
     yaws, extra_yaws = _yaws(steps), np.unique([q[2] for q in endpoints])
@@ -306,19 +219,13 @@ def _list_headings(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
 
 
 def _list_steps(max_cells: int) -> Ints:
-    """List one drive for each direction of the lattice.
-
-    Returns shape (n, 2): coprime numbers of cells along x and y, each at most `max_cells` in size.
-    """
+    """List a drive for each direction: coprime cells along x and y of at most `max_cells`, shape (n, 2)."""
     steps = itertools.product(range(-max_cells, max_cells + 1), repeat=2)
     return np.array([step for step in steps if math.gcd(*step) == 1])
 
 
 def _yaws(steps: Ints) -> Floats:
-    """Return the yaws of drives, in radians.
-
-    Drives are numbers of cells along x and y, shape (n, 2).
-    """
+    """Return the yaws, radians, of drives by cells along x and y, shape (n, 2)."""
     return wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
 
 
@@ -367,12 +274,10 @@ def _spread_costs(
 
 
 def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Words, Words]:
-    """Mark where the robot may stay and turn.
+    """Mark where the robot may stay, and where it may turn to the next heading, a bit for each heading.
 
-    Both masks have a bit for each of at most 64 headings: FREE cells, and cells at which the robot may turn to the next
-    heading. Cars may turn at cells that are FREE at both headings, because they turn as they drive. Other robots turn
-    on the spot, so all rotation cells between the headings must be FREE. Returns two arrays of uint64, shape (nx + 2
-    PAD, ny + 2 PAD).
+    Cars may turn at cells that are FREE at both headings, because they turn as they drive. Other robots turn on the
+    spot, so all rotation cells between the headings must be FREE. Both arrays have shape (nx + 2 PAD, ny + 2 PAD).
     """
     space, is_car = edges.space, edges.turning_radius is not None
     free, turns = np.zeros((2, *(n + 2 * PAD for n in space.grid.shape)), dtype=np.uint64)
@@ -390,10 +295,9 @@ def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Wo
 
 
 def _touched_cells(dx: int, dy: int) -> list[tuple[int, int]]:
-    """List the cells that a drive touches between its ends.
+    """List the cells that a drive from the center of cell (0, 0) to that of (dx, dy) touches between its ends.
 
-    The drive is the segment from the center of cell (0, 0) to the center of cell (dx, dy). Cells are closed: a segment
-    through a corner touches all four cells.
+    Cells are closed: a segment through a corner touches all four cells.
     """
     xs, ys = range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)
     box = [cell for cell in itertools.product(xs, ys) if cell not in ((0, 0), (dx, dy))]
@@ -410,10 +314,9 @@ Motions = tuple[Floats, float, float, Ints, Floats, Floats, Ints, Floats]
 
 
 def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw: Bools) -> Motions:
-    """List the motions of robots that turn on the spot.
+    """List turns to the next headings, and drives ahead and perhaps in reverse.
 
-    They are turns to the next heading on both sides, and drives ahead and, if the drive allows it, in reverse. The
-    arguments are the results of :func:`_list_headings`.
+    The arguments are the results of :func:`_list_headings`.
     """
     spacing, moves = edges.space.grid.spacing, 3 + _reverses(edges)
     # At the yaw of start or goal, a step as long as a cell's diagonal leaves the cell.
@@ -428,10 +331,9 @@ def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw:
 
 
 def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
-    """List the motions of a car for each heading.
+    """List the motions of a car: arcs to the next headings, and drives straight on, ahead or in reverse.
 
-    They are arcs to the next heading on both sides and drives straight on, each ahead and, if the drive allows it, in
-    reverse. ``level`` is an index into :data:`CAR_HEADINGS`; the first heading is the start's.
+    ``level`` is an index into :data:`CAR_HEADINGS`; the first heading is the start's.
     """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
@@ -453,10 +355,9 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
 
 
 def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, until: float) -> Nodes:
-    """Search from the start for a path.
+    """Search from the start until a path is found, `max_nodes` are reached or no node is left.
 
-    It ends when a path is found, `max_nodes` are reached or no node is left to expand. Raises TimeoutError after
-    ``until``.
+    Raises TimeoutError after ``until``.
     """
     map_, capacity = edges.space._kernel_map, INITIAL_LATTICE_NODES
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
@@ -479,10 +380,7 @@ def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, un
 
 
 def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
-    """Return the path found, shape (n, 3).
-
-    Consecutive drives straight on along one heading become one edge.
-    """
+    """Return the path found, shape (n, 3); consecutive drives along one heading become one edge."""
     node, rows, later_move = int(nodes.counts[LAST_NODE]), [lattice.goal], -1
     while node >= 0:
         parent, move = nodes.links[node, :2].tolist()
@@ -493,10 +391,9 @@ def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
 
 
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
-    """Shorten a path by edges between its waypoints.
+    """Shorten a path, shape (n, 3), by proven edges between its waypoints and points between them.
 
-    The result is the cheapest path over the waypoints, and points between them, by edges that are proven free. After
-    ``until``, no more shortcuts are sought. ``path`` and the result have shape (n, 3).
+    The result is the cheapest such path; after ``until``, no more shortcuts are sought.
     """
     check, given = edges.edge_checker(), path
     for _ in range(SHORTENING_ROUNDS):
@@ -520,10 +417,9 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
 
 
 def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
-    """Insert points along the straight drives of a path.
+    """Insert about POINTS_PER_PATH points on the drives of a path along which the yaw is constant.
 
-    There are about :data:`POINTS_PER_PATH` such points, all on drives along which the yaw is constant. A car's path is
-    returned as it is, because a part of its curve need not be a shortest curve.
+    A car's path is returned as it is, because a part of its curve need not be a shortest curve.
     """
     steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
     rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
@@ -534,10 +430,7 @@ def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
 
 
 def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
-    """Return the costs of edges to one configuration.
-
-    The edges lead from `starts`, shape (n, 3), to `end`, shape (3,); the costs have shape (n,).
-    """
+    """Return the costs, shape (n,), of edges from `starts`, shape (n, 3), to `end`, shape (3,)."""
     if edges.turning_radius is None:
         return edges.edge_lengths(starts, np.tile(end, (len(starts), 1)))
     costs = np.empty(len(starts))
@@ -547,20 +440,11 @@ def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
 
 @kernel
 def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, counts: Ints) -> bool:
-    """Expand states from the goal; return True when done.
+    """Expand states from the goal; return True when done, False when the caller must add memory.
 
-    It returns False after :data:`NODES_PER_CLOCK_CHECK` states, so that the caller checks the time and adds memory.
-
-    Parameters
-    ----------
-    table : ndarray of float32
-        As in :class:`Lattice`; negative where a state was expanded.
-    entries : ndarray of int64, shape (n, 2)
-        Queued states, and the next entry in the same bucket.
-    buckets : ndarray of int64
-        First entry of each bucket; -1 if empty.
-    counts : ndarray of int64, shape (4,)
-        Numbers of entries used and waiting, the first entry to use again, and the lowest bucket.
+    ``table`` is that of :class:`Lattice`, negative where a state was expanded. ``entries``, shape (n, 2), holds queued
+    states, and the next entry in the same bucket; ``buckets`` the first entry of each bucket; -1 stands for none.
+    ``counts`` holds the numbers of entries used and waiting, the first entry to use again, and the lowest bucket.
     """
     free, turns, touched, width, one = cells.free, cells.turns, cells.touched, cells.width, np.uint64(1)
     headings, start = len(cells.steps), cells.start // len(cells.steps)
@@ -632,10 +516,7 @@ def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None
 
 @jit
 def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
-    """Expand nodes from the start; return True when done.
-
-    It returns False so that the caller checks the time and adds memory.
-    """
+    """Expand nodes from the start; return True when done, False when the caller must add memory."""
     counts, links, goal, is_car = nodes.counts, nodes.links, lattice.goal, lattice.kind >= 0
     for _ in range(NODES_PER_CLOCK_CHECK):
         while counts[NODES_WAITING] > 0 and nodes.buckets[counts[LOWEST_BUCKET]] < 0:
@@ -675,11 +556,10 @@ def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
 
 @jit
 def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost: float, parent: int, move: int) -> None:
-    """Add a configuration, if its motion is proven free.
+    """Add a configuration, if its motion ``move`` from node ``parent`` (-1 for the start) is proven free.
 
-    Configuration `q` is left out if its cell and heading have a cheaper node, or if it cannot beat the best path.
-    ``cost`` is the cost of the path to `q`; ``parent`` is the node before, -1 for the start, and ``move`` the motion
-    from there.
+    It is left out if its cell and heading have a cheaper node, or if its path, which costs ``cost``, cannot beat the
+    best.
     """
     i, j = math.floor((q[0] - map_.lower[0]) / lattice.side), math.floor((q[1] - map_.lower[1]) / lattice.side)
     key = ((i << KEY_BITS) + j) * len(lattice.headings) + heading
@@ -714,10 +594,7 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
 
 @kernel
 def _slot(nodes: Nodes, key: int) -> int:
-    """Return the hash table's slot of a key.
-
-    It is the empty slot where a new key belongs.
-    """
+    """Return the slot of a key in the hash table, or the empty slot where it belongs."""
     slot = (key * HASH_FACTOR >> 20) & (len(nodes.table) - 1)
     while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot], 0] != key:
         slot = (slot + 1) & (len(nodes.table) - 1)
@@ -726,21 +603,14 @@ def _slot(nodes: Nodes, key: int) -> int:
 
 @kernel
 def rehash(nodes: Nodes) -> None:
-    """Enter all nodes into the empty hash table.
-
-    Nodes are in the order in which they were added, so the last node of each cell and heading is the cheapest.
-    """
+    """Enter all nodes into the empty hash table; of a cell and heading, the last is the cheapest."""
     for node in range(nodes.counts[NODE_COUNT]):
         nodes.table[_slot(nodes, nodes.keys[node, 0])] = node
 
 
 @jit
 def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
-    """Estimate the remaining cost to the goal, in metres.
-
-    The estimate is the larger of the straight distance from `q` and the first search's cost of the cell and
-    ``heading``; near the goal, cars count the length of their curve too.
-    """
+    """Estimate the cost to the goal, metres, by the straight distance and the table, near it by a car's curve."""
     rows, columns = map_.states.shape[1], map_.states.shape[2]
     i = min(math.floor((q[0] - map_.lower[0]) / map_.spacing), rows - 1) + PAD
     j = min(math.floor((q[1] - map_.lower[1]) / map_.spacing), columns - 1) + PAD
@@ -754,10 +624,7 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
 
 @jit
 def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
-    """Return the cost of the edge to the goal.
-
-    The edge leads from configuration `q`. The cost is in metres, infinite if the edge is not proven free.
-    """
+    """Return the cost of the edge from `q` to the goal, metres; infinite if it is not proven free."""
     (x, y, yaw), goal = q, lattice.goal
     if lattice.kind >= 0:
         proven = prove_length(map_, lattice.kind, lattice.radius, x, y, yaw, goal[0], goal[1], goal[2]) >= 0.0
@@ -780,29 +647,20 @@ def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
 
 @kernel
 def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
-    """Return True if a straight edge is proven free.
-
-    It is compiled once for all callers, because :func:`cspace.map.edges.edge_is_free` is long.
-    """
+    """Return True if a straight edge is proven free; compiled once, because edge_is_free is long."""
     return edge_is_free(map_, None, q0, q1)
 
 
 @jit
 def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
-    """Write the costs of shortest curves to a configuration.
-
-    They lead from `starts`, shape (n, 3), to `end`, shape (3,); the costs in `out` are metres.
-    """
+    """Write the costs, metres, of shortest curves from `starts`, shape (n, 3), to `end` into `out`."""
     for k in range(len(starts)):
         out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
 
 
 @jit
 def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
-    """Return the cost of a car's shortest curve, metres.
-
-    Driving in reverse and changes of direction cost more; see :data:`REVERSE_WEIGHT` and :data:`SWITCH_RADII`.
-    """
+    """Return the cost of a car's shortest curve, metres, with REVERSE_WEIGHT and SWITCH_RADII."""
     _, lengths, _ = shortest_word(kind, radius, q0, q1)
     total, previous = 0.0, 0.0
     for length in lengths:

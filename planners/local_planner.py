@@ -469,12 +469,12 @@ class EdgesOnMap(LocalPlanner):
     def may_join(self, exists: bool | None) -> bool:
         """Return False if no path of such edges can join start and goal.
 
-        Unless the geometry decides, an edge of any drive is proven only if every closed
-        cell that it touches is FREE. The cells of the grid that contain a point of the edge form a block in position
-        and rotation, so they are joined through sides. Along the edge, the cells change only at points that lie in both
-        the old and the new cells. So all cells of a path, including those of start and goal, belong to one component of
-        FREE cells, and ``exists`` is True. No path leaves the grid, even if the outside is free: start and goal lie in
-        the grid, straight edges between such points stay there, and curves that leave it are not proven.
+        Unless the geometry decides, an edge of any drive is proven only if every closed cell that it touches is FREE.
+        The cells of the grid that contain a point of the edge form a block in position and rotation, so they are joined
+        through sides. Along the edge, the cells change only at points that lie in both the old and the new cells. So
+        all cells of a path, including those of start and goal, belong to one component of FREE cells, and ``exists`` is
+        True. No path leaves the grid, even if the outside is free: start and goal lie in the grid, straight edges
+        between such points stay there, and curves that leave it are not proven.
         """
         return exists is not False if self.exact else exists is True
 

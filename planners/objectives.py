@@ -33,7 +33,7 @@ class WeightedLength(ob.OptimizationObjective):
     cell and 5 degrees. The cost is never below the length, which OMPL may use as a bound. A radian of rotation counts
     as half a metre, as in OMPL's SE(2) and SE(3); along curves it counts nothing.
 
-    OMPL calls this objective through Python at every step. PRM and PRMstar call it from a second thread and would
+    OMPL calls this objective through Python at every step. PRM and PRMstar would call it from a second thread and
     deadlock, so :func:`planners.plan` refuses them.
 
     Parameters
@@ -48,10 +48,8 @@ class WeightedLength(ob.OptimizationObjective):
         Penalty at value zero, and its change per unit of the value.
     weight : float
         Extra metres that a metre of path costs at penalty one.
-    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+    drive, turning_radius
         As for :func:`planners.plan`.
-    turning_radius : float, optional
-        Turning radius of curves, metres; only curves need it.
 
     Raises
     ------
@@ -109,26 +107,20 @@ class WeightedLength(ob.OptimizationObjective):
         return make_edge_cost(self._space, self._field, self._density._replace(by_metre=True))
 
     def _override(self, replacement: Callable[[ob.State, ob.State], float] | None) -> None:
-        """Replace the cost of edges by a function.
-
-        None restores the cost. A plan that has run out of time replaces it.
-        """
+        """Replace the cost of edges, as a plan does that has run out of time; None restores it."""
         self._cost = replacement or self._integrate
 
 
 class ClearanceObjective(WeightedLength):
     """Length whose metres cost more near obstacles.
 
-    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``; see
-    :class:`WeightedLength`. The clearance is the distance, in the translation alone, to the nearest configuration that
-    is not FREE.
+    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``. The clearance is the
+    distance, in the translation alone, to the nearest configuration that is not FREE.
 
     Parameters
     ----------
-    si, space, drive, turning_radius
-        As for :class:`WeightedLength`.
-    weight : float
-        Extra metres that a metre of path costs at clearance zero.
+    si, space, weight, drive, turning_radius
+        As for :class:`WeightedLength`; the penalty is one at clearance zero.
     clearance_threshold : float, optional
         Clearance, in metres, above which a path costs its length. By default the longest side of the robot's bounding
         box.
@@ -136,8 +128,7 @@ class ClearanceObjective(WeightedLength):
     Raises
     ------
     InputError
-        If ``weight`` is negative or not finite, or ``clearance_threshold`` is not above zero; and as
-        :func:`planners.state_space`.
+        If ``clearance_threshold`` is not above zero; and as :class:`WeightedLength`.
     """
 
     def __init__(
@@ -168,28 +159,25 @@ class ClearanceObjective(WeightedLength):
 
 
 class OverlapObjective(WeightedLength):
-    """Length whose metres cost more at larger overlap.
+    """Length whose metres cost more at larger overlap, which pushes paths smoothly away from obstacles.
 
-    The cost pushes paths smoothly away from obstacles. A metre of path at overlap c costs ``1 + weight * (c /
-    saturation)**2``; see :class:`WeightedLength`. The overlap is the field's, between balls of robot and obstacles.
-    Grown balls overlap before the shapes touch.
+    A metre of path at overlap c costs ``1 + weight * (c / saturation)**2``. The overlap is the field's, between balls
+    of robot and obstacles. Grown balls overlap before the shapes touch.
 
     Parameters
     ----------
-    si, space, drive, turning_radius
-        As for :class:`WeightedLength`.
+    si, space, weight, drive, turning_radius
+        As for :class:`WeightedLength`; the penalty is one at overlap ``saturation``.
     field : cspace.spectral.OverlapField, optional
         Field of the same map. By default the field of the map; see :meth:`cspace.CSpace.with_overlap_field`.
-    weight : float
-        Extra metres that a metre of path costs at overlap ``saturation``.
     saturation : float, optional
         Overlap, in square or cubic metres. By default the largest overlap in a FREE cell.
 
     Raises
     ------
     InputError
-        If the field belongs to another map, there is no field, ``weight`` is negative or not finite, or ``saturation``
-        is not above zero; and as :func:`planners.state_space`.
+        If the field belongs to another map, there is no field, or ``saturation`` is not above zero; and as
+        :class:`WeightedLength`.
     """
 
     def __init__(
@@ -227,7 +215,7 @@ def default_clearance_threshold(space: CSpace) -> float:
 
 
 def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, seconds: float) -> Floats:
-    """Find a path whose cost by :class:`ClearanceObjective` is low, through FREE cells, by the map's own search.
+    """Find a path through FREE cells whose cost by :class:`ClearanceObjective` is low.
 
     Returns waypoints, shape (n, size), where n is 0 if no path is found in time. If not ``straight``, these are the
     centers of a chain of cells.
@@ -243,10 +231,7 @@ def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, sec
 
 
 def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:
-    """Return the local planner of a map.
-
-    Raises InputError if ``space`` is the space of an arm; and as :func:`planners.state_space`.
-    """
+    """Return the local planner of a map; raise InputError for an arm, and as state_space."""
     edges = local_planner(space, False, drive, turning_radius)
     if not isinstance(edges, EdgesOnMap):
         hint = "use the length, or a function that returns an objective"
@@ -255,9 +240,7 @@ def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | 
 
 
 def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapField:
-    """Return an overlap field of the map.
-
-    It is ``field`` or, by default, the field that the map carries.
+    """Return ``field`` or, by default, the overlap field that the map carries.
 
     Raises InputError if there is neither, or the field belongs to another map.
     """
@@ -272,10 +255,7 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
 
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
-    """Return the largest overlap in a FREE cell.
-
-    It is 1 if no overlap is above zero.
-    """
+    """Return the largest overlap in a FREE cell, or 1 if no overlap is above zero."""
     parts = zip(field.cells, space.slice_rotations, strict=True)
     largest = max(float(values[space.states_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
     return largest if largest > 0.0 else 1.0

@@ -36,21 +36,11 @@ CHAIN_CELLS_PER_SECOND: Final = 1e7
 
 @dataclass(frozen=True, slots=True)
 class Passages:
-    """Search along chains of FREE and MIXED cells.
+    """Search along chains of FREE and MIXED cells."""
 
-    Attributes
-    ----------
-    edges : EdgesOnMap
-        Straight edges on a map in memory, which exact geometry proves.
-    rng : numpy.random.Generator
-        Source of the samples.
-    until : float
-        Reading of the clock at which the search ends.
-    """
-
-    edges: EdgesOnMap
-    rng: np.random.Generator
-    until: float
+    edges: EdgesOnMap  # straight edges on a map in memory, which exact geometry proves
+    rng: np.random.Generator  # source of the samples
+    until: float  # reading of the clock at which the search ends
 
     def find(self, endpoints: Endpoints) -> Floats:
         """Find a path between two configurations; shape (n, size), where n is 0 if none is found in time."""

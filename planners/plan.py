@@ -143,9 +143,8 @@ def plan(
     No search is run if the map proves that no path exists, or if the objective is the length and the single edge from
     start to goal is free. OMPL's messages are held back while it runs.
 
-    *Time.* The search and the simplification of its path end within the time limit plus 0.25 s. The first plan on a map
-    also computes components and free blocks and compiles functions. These times are not limited, and are listed in
-    :attr:`Plan.times`.
+    *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map also computes
+    components and free blocks and compiles functions; these times are not limited, see :attr:`Plan.times`.
 
     *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends at once if no chain of
     FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no
@@ -166,14 +165,11 @@ def plan(
     shorter, in other spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes
     over if "Grid" has no path after half the time limit, or "Lattice" has none.
 
-    *Planners that improve.* BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar go on improving their path until
-    the time limit.
-
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
-    planner, sampler and simplifier made afterwards draws its own seed. So the same call with the same seed gives the
-    same path, in any process and after any other plans; it also sets the random starts of poses. Exceptions are
-    searches that the clock ends (give ``iterations`` to planners that use up the time limit), PRM and PRMstar, which
-    search in a second thread, and OMPL used by other threads at the same time.
+    planner and sampler made afterwards draws its own seed, and the random starts of poses. So the same call with the
+    same seed gives the same path, in any process and after any other plans. Exceptions are searches that the clock ends
+    (give ``iterations`` to planners that use up the time limit), PRM and PRMstar, which search in a second thread, and
+    OMPL used by other threads at the same time.
 
     Parameters
     ----------
@@ -185,7 +181,7 @@ def plan(
         with pose goals. Goals that are not proven free are dropped, and the path ends at one of the others,
         :attr:`Plan.goal`. PRM and PRMstar take one configuration.
     planner : str, optional
-        Name of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search, in upper or lower case. The
+        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search. The
         default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
 
         - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE cells join start and
@@ -196,12 +192,12 @@ def plan(
         - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code. It goes on to
           shorten its path while that gains 1 %, at most until the time limit; not with ``simplify=False``.
 
-        RRTConnect often fails for Dubins curves, because its tree at the goal grows by curves that leave the goal.
-        Planners that also follow edges backwards are refused for Dubins curves; for "differential" their edges must be
-        free both ways.
+        BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar improve their path until the time limit. RRTConnect
+        often fails for Dubins curves, because its tree at the goal grows by curves that leave the goal. Planners that
+        also follow edges backwards are refused for Dubins curves; for "differential" their edges must be free both
+        ways.
     time_limit : float
-        Seconds after which the search ends. Simplification then has another 0.1 s. Caches of the map and compilation
-        are not limited; see :class:`planners.Times`.
+        Seconds after which the search ends. Simplification then has another 0.1 s.
     iterations : int, optional
         Largest number of checks of OMPL's termination condition, about one for each iteration of the planner; of
         BiRRT's further searches for a shorter path. Not for PRM, PRMstar and the built-in searches of maps.
@@ -217,8 +213,7 @@ def plan(
 
         Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar, and with a time limit
         of many seconds for FMT and BFMT, which compute the cost between all pairs of near samples. Each of these must
-        beat the cheapest of a few paths that RRTConnect finds in a tenth of the time. BKPIECE1, KPIECE1, LBKPIECE1, RRT
-        and RRTConnect stop at the first path, and PRM and PRMstar cannot call Python from their second thread.
+        beat the cheapest of a few paths that RRTConnect finds in a tenth of the time. Other planners are refused.
     exact : bool
         Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages hardly wider than the
         robot; slower. "Grid" tests the centers of MIXED cells on its way. If it finds no path, the map is undecided and
@@ -242,15 +237,13 @@ def plan(
     Raises
     ------
     ConfigurationError
-        If start or goal lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; with
-        ``exact``, if the geometry does not prove it free either. The message names the nearest FREE configuration,
-        which is also the error's ``nearest``. Also if no configuration found for a pose is within its tolerance, in
-        which case the message says how far the nearest pose reached is, or if all that were found collide.
+        If start or goal lies outside the map, is not FREE (with ``exact``, not proven free by the geometry either), or
+        lies on the border of a cell that is not FREE. The message names the nearest FREE configuration, which is also
+        the error's ``nearest``. Also if no configuration found for a pose is within its tolerance (the message says how
+        far the nearest pose reached is), or if all that were found collide.
     InputError
-        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown; the planner
-        does not support ``objective``, ``iterations`` or ``drive``; the objective is "overlap" and the map carries no
-        overlap field; a drive is given for other axes than (x, y, yaw); the turning radius is missing or not above
-        zero; or ``exact`` is set for curves.
+        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown; or the
+        space, planner, objective, drive and other options do not go together.
 
     Warns
     -----
@@ -270,67 +263,6 @@ def plan(
     4.0
     """
     began = time.perf_counter()
-    task = _check_arguments(
-        space, start, goal, planner, time_limit, iterations, simplify, seed, objective, exact, drive, turning_radius
-    )
-    exists = task.edges.prove_existence(task.endpoints)
-    subproblems = space._tile_subproblems(*task.endpoints[:2]) if task.edges.may_join(exists) else []
-    if exists or task.edges.exact:
-        task = _prefer_built_in(task)
-    result = _search_tile_by_tile(task, subproblems, exists)
-    return _make_plan(task, start, result, exists, began)
-
-
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """The checked arguments of a plan.
-
-    Attributes
-    ----------
-    edges : LocalPlanner
-        Edges on the whole space.
-    endpoints : tuple of configurations
-        Start and goals as OMPL holds them, the nearest goal first.
-    given_goals : tuple of array-like
-        The goals as the user gave them.
-    search : Search
-        Search on the whole space; :meth:`search_on` adapts it to a part.
-    objective : str or callable
-        As for :func:`plan`.
-    time_limit : float
-        Seconds.
-    is_named : bool
-        Whether the user chose the planner.
-    """
-
-    edges: LocalPlanner
-    endpoints: Endpoints
-    given_goals: tuple[ArrayLike, ...]
-    search: Search
-    objective: str | MakeObjective
-    time_limit: float
-    is_named: bool
-
-    def search_on(self, part: ConfigurationSpace) -> Search:
-        """Return the search, with the objective of a part of the space."""
-        return replace(self.search, objective=_make_objective(part, self.objective, self.search.planner, self.edges))
-
-
-def _check_arguments(
-    space: ConfigurationSpace,
-    start: ArrayLike,
-    goal: GoalLike,
-    planner: str | None,
-    time_limit: float,
-    iterations: int | None,
-    simplify: bool,
-    seed: int | None,
-    objective: str | MakeObjective,
-    exact: bool,
-    drive: str,
-    turning_radius: float | None,
-) -> _Task:
-    """Check the arguments of :func:`plan`, and that they go together."""
     name = planner_named(planner, drive)
     edges = local_planner(space, exact, drive, turning_radius)
     if planner is None:
@@ -355,7 +287,29 @@ def _check_arguments(
     task = _Task(edges, (checked, *goals), given_goals, search, objective, limit, planner is not None)
     if name in BUILT_IN_SEARCHES:
         _check_built_in_search(task)
-    return task
+    exists = task.edges.prove_existence(task.endpoints)
+    subproblems = space._tile_subproblems(*task.endpoints[:2]) if task.edges.may_join(exists) else []
+    if exists or task.edges.exact:
+        task = _prefer_built_in(task)
+    result = _search_tile_by_tile(task, subproblems, exists)
+    return _make_plan(task, start, result, exists, began)
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """The checked arguments of a plan."""
+
+    edges: LocalPlanner  # on the whole space
+    endpoints: Endpoints  # start and goals as OMPL holds them, the nearest goal first
+    given_goals: tuple[ArrayLike, ...]  # as the user gave them
+    search: Search
+    objective: str | MakeObjective
+    time_limit: float
+    is_named: bool  # whether the user chose the planner
+
+    def search_on(self, part: ConfigurationSpace) -> Search:
+        """Return the search, with the objective of a part of the space."""
+        return replace(self.search, objective=_make_objective(part, self.objective, self.search.planner, self.edges))
 
 
 def _check_built_in_search(task: _Task) -> None:

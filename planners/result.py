@@ -35,15 +35,14 @@ if TYPE_CHECKING:
 class Times:
     """Durations of the steps of :func:`planners.plan`, in seconds.
 
-    The time limit applies to planning and simplification. Setup and checking mostly take a millisecond. The first plan
-    on a map also computes the caches that all later plans use: components, blocks of FREE cells, and, for the planner
-    "MaxClearance", the clearance of every cell, which takes seconds on a map of 10^8 cells.
+    The time limit applies to planning and simplification. The first plan on a map also computes the caches that all
+    later plans use, such as components and, for "MaxClearance", the clearance of every cell: seconds on a map of 10^8
+    cells.
 
     Attributes
     ----------
     setup : float
-        Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and compilation until the
-        search ends.
+        Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and compilation.
     planning : float
         The search.
     simplification : float
@@ -159,10 +158,7 @@ class Plan:
     _lower_bound: float = math.nan
 
     def __getstate__(self) -> list[Any]:
-        """Return the state for pickling, without the map.
-
-        The distances that the map gave are stored instead.
-        """
+        """Return the state for pickling, with the distances that the map gives instead of the map."""
         replaced = {"space": None, "_clearance": self.clearance, "_lower_bound": self.lower_bound}
         if math.isnan(self.clearance):
             replaced["_obstacle_distance"] = self.obstacle_distance
@@ -170,26 +166,23 @@ class Plan:
 
     @property
     def clearance(self) -> float:
-        """Proven lower bound of the clearance along the path.
+        """Proven lower bound of the clearance along the path, in metres, in the map as it is now.
 
-        Clearance is the distance, in metres, from a configuration on the path to the nearest configuration that is not
-        FREE, in the map as it is now; :attr:`obstacle_distance` is the distance of the robot from the obstacles. For a
-        robot that turns, the distance is between positions at the same rotation. Zero along a path through MIXED cells.
-        NaN for an arm, which has :attr:`obstacle_distance`, and if not solved. Computed at each access; the first one
-        on a map takes longer.
+        Clearance is the distance from a configuration on the path to the nearest one that is not FREE, at the same
+        rotation. Zero along a path through MIXED cells. NaN for an arm, and if not solved. Computed at each access; the
+        first one on a map takes longer.
         """
         edges = self._edges
         return edges.clearance(self.waypoints) if edges else self._clearance
 
     @property
     def obstacle_distance(self) -> float:
-        """Proven lower bound of the distance from obstacles.
+        """Proven lower bound of the distance from obstacles along the path, in metres.
 
-        It holds along the whole path. The distance, in metres, is that between the robot itself, without margin, and
-        the obstacles as they are now: their shapes if the map has them, otherwise the outer cells; and, unless the map
-        is open, its border. The bound is at most a quarter of a cell below the true minimum, and at least the margin;
-        infinite if there is no obstacle, and zero if the path is no longer proven free. For an arm, distances between
-        links count too.
+        The distance is that between the robot itself, without margin, and the obstacles as they are now: their shapes
+        if the map has them, otherwise the outer cells; and, unless the map is open, its border. For an arm, distances
+        between links count too. The bound is at most a quarter of a cell below the true minimum, and at least the
+        margin; infinite if there is no obstacle, and zero if the path is no longer proven free.
 
         NaN if not solved, if the map was left behind (except for an arm) or lies in a store, or if the interior of a
         mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
@@ -199,24 +192,22 @@ class Plan:
 
     @property
     def lower_bound(self) -> float:
-        """Proven lower bound of the lengths of collision-free paths.
+        """Proven lower bound of the lengths of collision-free paths from start to goal.
 
-        It holds for all paths from start to goal, in the unit of :attr:`length`. A radian of rotation counts as half a
-        metre, but along curves nothing. On a map, the bound comes from :meth:`cspace.CSpace.min_path_length` and the
-        rotation between start and goal. In a store it is the straight distance, and for an arm the distance in the
-        joints, continuous ones the shorter way; of several goals, to the one that the path reaches. It holds for the
-        obstacles as they are now, and for a robot that may move in any direction. NaN if not solved. Computed at each
-        access.
+        A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound comes from
+        :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. In a store it is the straight
+        distance, and for an arm the distance in the joints, continuous ones the shorter way; of several goals, to the
+        one that the path reaches. It holds for the obstacles as they are now, and for a robot that may move in any
+        direction. NaN if not solved. Computed at each access.
         """
         edges = self._edges
         return edges.min_length(self.start, self.goal) if edges else self._lower_bound
 
     @property
     def gap(self) -> float:
-        """Fraction by which the path may be too long.
+        """Fraction by which the path may be too long: its weighted length / :attr:`lower_bound` - 1.
 
-        It compares the path with the shortest possible one: it is the weighted length / :attr:`lower_bound` - 1. The
-        true excess may be far smaller, because no path need be as short as the bound. NaN if not solved.
+        The true excess may be far smaller, because no path need be as short as the bound. NaN if not solved.
         """
         weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
         length, bound = self.length + weight * self.total_rotation, self.lower_bound
@@ -226,19 +217,13 @@ class Plan:
 
     @property
     def shown_distance(self) -> tuple[str, float]:
-        """Name and value of the distance that is printed.
-
-        It is the obstacle distance, or the clearance if that is unknown.
-        """
+        """Name and value of the printed distance: obstacle distance, or clearance if that is unknown."""
         distance = self.obstacle_distance
         return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
 
     @property
     def distance_text(self) -> str:
-        """Text of :attr:`shown_distance`.
-
-        It is empty if neither distance is known.
-        """
+        """Text of :attr:`shown_distance`, empty if neither distance is known."""
         name, distance = self.shown_distance
         words = name.replace("_", " ")
         if math.isnan(distance):
@@ -250,33 +235,23 @@ class Plan:
 
     @property
     def _edges(self) -> LocalPlanner | None:
-        """Local planner of the path's edges on its map.
-
-        None without a path or a map.
-        """
+        """Local planner of the path's edges on its map; None without a path or a map."""
         return self._edges_on(self.space) if self.solved and self.space is not None else None
 
     def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
-        """Return the local planner of the edges.
-
-        They are the edges of the path on the map ``space``.
-        """
+        """Return the local planner of the path's edges on a map."""
         return local_planner(space, self.exact, self.drive, self.turning_radius)
 
     def _map(self, hint: str) -> ConfigurationSpace:
-        """Return the map of the plan.
-
-        Raises InputError with `hint` if pickling left the map behind.
-        """
+        """Return the map of the plan; raise InputError with `hint` if pickling left it behind."""
         if self.space is None:
             raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
         return self.space
 
     def recheck(self, space: ConfigurationSpace | None = None) -> Bools:
-        """Prove each edge of the path again.
+        """Prove each edge of the path again, among the obstacles as they are now.
 
-        The obstacles as they are now count. Edges are proven like the plan's: with the same ``exact`` and drive, along
-        the same curves.
+        Edges are proven like the plan's: with the same ``exact`` and drive, along the same curves.
 
         Parameters
         ----------
@@ -299,8 +274,6 @@ class Plan:
         >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
         >>> plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
-        >>> plan.recheck()
-        array([ True])
         >>> update = space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
         >>> plan.certified, plan.recheck()
         (True, array([False]))
@@ -353,9 +326,7 @@ class Plan:
         return "certified" if free.all() else f"certified when planned, {problem}"
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map, the path and the robot.
-
-        The robot is drawn along the path. A map in tiles is drawn as an overview.
+        """Draw the map, the path and the robot along it; a map in tiles is drawn as an overview.
 
         Parameters
         ----------
@@ -381,9 +352,7 @@ class Plan:
     def animate(
         self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]
     ) -> None:
-        """Draw the moving robot into an animated GIF.
-
-        The robot moves in the plane or in space, or is an arm.
+        """Draw the robot or arm that moves along the path into an animated GIF.
 
         Parameters
         ----------
@@ -414,9 +383,7 @@ class Plan:
     @overload
     def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
     def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
-        """Convert the path to a ``nav_msgs/Path`` of ROS.
-
-        The robot must be rigid.
+        """Convert the path of a rigid robot to a ``nav_msgs/Path`` of ROS.
 
         Parameters
         ----------
@@ -512,18 +479,14 @@ class Plan:
         return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
 
     def _check_solved(self, rule: str) -> None:
-        """Raise InputError if the plan has no path.
-
-        `rule` says why one is needed.
-        """
+        """Raise InputError if the plan has no path; `rule` says why one is needed."""
         if not self.solved:
             raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the path as CSV, in full precision.
+        """Write the path as CSV, in full precision, after a row with the names of the columns.
 
-        The first row has the names of the columns. The columns are the :attr:`axes`, in metres and radians, and
-        :attr:`direction` unless the robot is holonomic.
+        The columns are the :attr:`axes`, in metres and radians, and :attr:`direction` unless the robot is holonomic.
 
         Parameters
         ----------
@@ -544,20 +507,9 @@ class Plan:
         write_csv(path, overwrite, names, rows)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write all attributes except the map as JSON.
+        """Write all attributes except the map as JSON; NaN and infinity become null.
 
-        NaN and infinity become null.
-
-        Parameters
-        ----------
-        path : path-like
-        overwrite : bool
-            Whether an existing file may be replaced.
-
-        Raises
-        ------
-        FileError
-            If the file exists and may not be replaced, or cannot be written.
+        Parameters and errors are as for :meth:`to_csv`.
         """
         names = [each.name for each in fields(self) if each.name != "space" and not each.name.startswith("_")]
         names += ["clearance", "obstacle_distance", "lower_bound", "gap"]

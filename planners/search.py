@@ -130,59 +130,27 @@ def _raise(*states: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """Outcome of a search.
+    """Outcome of a search."""
 
-    Attributes
-    ----------
-    path : ndarray of float64, shape (n, size)
-        Configurations that edges join; n is 0 if the goal was not reached.
-    note : str
-        Remark on how the path was found, or why none was found; may be empty.
-    planning, simplification : float
-        Seconds that the steps took.
-    proven : bool
-        Whether all edges were proven free in a final check.
-    lattice : str
-        Proof by a lattice of headings, in words; may be empty.
-    where : str
-        Part of the path that was not found, " from ... to ...", if the map has several tiles.
-    """
-
-    path: Floats
-    note: str = ""
-    planning: float = 0.0
-    simplification: float = 0.0
-    proven: bool = False
-    lattice: str = ""
-    where: str = ""
+    path: Floats  # (n, size), configurations that edges join; n is 0 if the goal was not reached
+    note: str = ""  # how the path was found, or why none was found
+    planning: float = 0.0  # seconds
+    simplification: float = 0.0  # seconds
+    proven: bool = False  # whether all edges were proven free in a final check
+    lattice: str = ""  # proof by a lattice of headings, in words
+    where: str = ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Planner and options of a search.
+    """Planner and options of a search."""
 
-    Attributes
-    ----------
-    planner : str
-        Name of a planner of OMPL, or of a built-in search.
-    objective : callable or None
-        Function that takes the space information and returns an objective; None for the length.
-    iterations : int or None
-        Largest number of checks of OMPL's termination condition.
-    simplify : bool
-        Whether to simplify the path.
-    seed : int or None
-        Seed of OMPL's generators.
-    fallback : str or None
-        Planner of OMPL that takes over if a built-in search finds no path.
-    """
-
-    planner: str
-    objective: MakeObjective | None = None
-    iterations: int | None = None
+    planner: str  # name of a planner of OMPL, or of a built-in search
+    objective: MakeObjective | None = None  # takes the space information; None for the length
+    iterations: int | None = None  # largest number of checks of OMPL's termination condition
     simplify: bool = True
     seed: int | None = None
-    fallback: str | None = None
+    fallback: str | None = None  # planner that takes over if this one finds no path
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
         """Search by OMPL for a path from the first configuration to any other.

@@ -25,21 +25,16 @@ def state_space(
 ) -> ob.StateSpace:
     """Make OMPL's state space of a map or an arm, with bounds.
 
-    A map gives R^2, R^3, SE(2), R^3 x SO(2) or SE(3), bounded by the box of its grid. An arm gives the limits of its
-    joints.
-
     Parameters
     ----------
     space : CSpace or ArmSpace
-    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+    drive, turning_radius
         As for :func:`planners.plan`.
-    turning_radius : float, optional
-        Metres; for curves, which need it.
 
     Returns
     -------
     ompl.base.StateSpace
-        By the axes of a map, lengths in metres:
+        By the axes of a map, in metres, bounded by the box of its grid:
 
         - x, y and x, y, z: ``RealVectorStateSpace``;
         - x, y, yaw: ``SE2StateSpace``; with a drive ``DubinsStateSpace``, or ``ReedsSheppStateSpace`` if it reverses;
@@ -48,11 +43,11 @@ def state_space(
         - x, y, z and a quaternion: ``SE3StateSpace``.
 
         A radian counts as half a metre, except with a drive. State spaces of a differential drive have a turning radius
-        of almost zero: their distance is in metres alone, and their interpolation stays within 1e-8 of the map's side
-        of the edge that is proven.
+    of almost zero: their distance is in metres alone, and their interpolation stays within 1e-8 of the map's side of
+    the edge that is proven.
 
         For an arm, ``RealVectorStateSpace``; with continuous joints, a ``CompoundStateSpace`` of it and an
-        ``SO2StateSpace`` for each continuous joint, all of weight 1.
+    ``SO2StateSpace`` for each continuous joint, all of weight 1. Its bounds are the limits of the joints.
 
     Raises
     ------
@@ -84,9 +79,9 @@ def simple_setup(
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> og.SimpleSetup:
-    """Create OMPL's SimpleSetup for a map or an arm.
+    """Create OMPL's SimpleSetup for a map or an arm: its states, the proofs of motions and the sampler.
 
-    It has the states, the proofs of motions and the sampler. Choose a planner, set start and goal, and solve::
+    Choose a planner, set start and goal, and solve::
 
         setup = planners.simple_setup(space)
         setup.setPlanner(ompl.geometric.RRTConnect(setup.getSpaceInformation()))
@@ -103,10 +98,8 @@ def simple_setup(
     exact : bool
         Whether the geometry itself decides states and motions that the map does not. Valid states are then drawn from
         the whole map and tested, because they need not lie in FREE cells.
-    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+    drive, turning_radius
         As for :func:`planners.plan`.
-    turning_radius : float, optional
-        Metres; for curves, which need it.
     bidirectional : bool
         As for :class:`MotionValidator`.
 
@@ -118,9 +111,9 @@ def simple_setup(
     Raises
     ------
     InputError
-        If the sampler is OMPL's ObstacleBasedValidStateSampler, which needs the last valid state of a motion: a motion
-        validator in Python cannot return it, and the samples would be invalid. Or if ``objective`` or the sampler is
-        not of OMPL's type, or ``rng`` is given with a sampler or with ``exact``. And as :func:`state_space`.
+        If ``objective`` or the sampler is not of OMPL's type, or ``rng`` is given with a sampler or with ``exact``; and
+        as :func:`state_space`. Also if the sampler is OMPL's ObstacleBasedValidStateSampler, which needs the last valid
+        state of a motion: a motion validator in Python cannot return it, and the samples would be invalid.
     """
     edges = local_planner(space, exact, drive, turning_radius, bidirectional)
     return make_setup(edges, objective, rng, valid_state_sampler)
@@ -155,10 +148,7 @@ def make_setup(
 def _choose_sampler(
     si: ob.SpaceInformation, edges: LocalPlanner, rng: np.random.Generator | None, sampler: MakeSampler | None
 ) -> MakeSampler:
-    """Return the function that makes valid state samplers.
-
-    The function must not hold ``si``, because ``si`` holds the function.
-    """
+    """Return the function that makes valid state samplers; it must not hold ``si``, which holds it."""
     space, exact = edges.space, edges.exact
     if rng is not None:
         check_rng(rng)
@@ -180,10 +170,7 @@ def _choose_sampler(
 def _make_checked(
     make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
 ) -> object:
-    """Call a user's function and check the result's type.
-
-    The function makes an object of OMPL from ``si``.
-    """
+    """Call a user's function that makes an object of OMPL, and check the result's type."""
     made = make(si)
     if not isinstance(made, kind):
         rule, hint = f"it must return an ompl.base.{kind.__name__}", "pass a function that takes the space information"

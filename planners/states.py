@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from ompl import base as ob
@@ -24,42 +23,27 @@ WRAP_TOLERANCE: Final = 1e-12
 """Rounding error, in radians, allowed between angles that are equal modulo 2 pi."""
 
 
-@dataclass(frozen=True, slots=True)
-class StateKind:
-    """Functions that convert configurations to OMPL's states.
+class StateKind(NamedTuple):
+    """Functions that convert between configurations and OMPL's states."""
 
-    They convert back, too.
-
-    Attributes
-    ----------
-    make : callable
-        Creates OMPL's state space for straight edges, without bounds.
-    set_bounds : callable
-        Sets the bounds of the positions of such a state space: lower and upper corner of a box.
-    read : callable
-        Reads a configuration from a state.
-    write : callable
-        Writes the numbers of a configuration to a state.
-    of_state, of_states : callable
-        Convert a function of the numbers of one configuration, or of two, to a function of OMPL's states. OMPL calls
-        the result millions of times, so the most common ones are written out.
-    periodic_axes : tuple of bool
-        True for angles of continuous joints; empty if there are none.
-    """
-
-    make: Callable[[], ob.StateSpace]
-    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]
+    make: Callable[[], ob.StateSpace]  # creates the state space for straight edges, without bounds
+    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]  # sets those of the positions
     read: Callable[[ob.State], Configuration]
-    write: Callable[..., None]
-    of_state: Callable[[Callable[..., Value]], Callable[[ob.State], Value]]
-    of_states: Callable[[Callable[..., Value]], Callable[[ob.State, ob.State], Value]]
-    periodic_axes: tuple[bool, ...] = ()
+    write: Callable[..., None]  # writes the numbers of a configuration to a state
+    periodic_axes: tuple[bool, ...] = ()  # True for angles of continuous joints; empty if there are none
+
+    def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
+        """Convert a function of the numbers of a configuration to a function of a state."""
+        read = self.read
+        return lambda state: query(*read(state))
+
+    def of_states(self, query: Callable[..., Value]) -> Callable[[ob.State, ob.State], Value]:
+        """Convert a function of the numbers of two configurations to a function of two states."""
+        read = self.read
+        return lambda first, second: query(*read(first), *read(second))
 
     def unwind(self, path: Floats) -> Floats:
-        """Unwrap the continuous joints of a path.
-
-        ``path`` has shape (n, size). In the result, each joint moves the shorter way from row to row.
-        """
+        """Unwrap the continuous joints of a path, shape (n, size), so that they move the shorter way."""
         if not self.periodic_axes:
             return path
         unwound, steps = path.copy(), np.diff(path, axis=0)
@@ -67,10 +51,7 @@ class StateKind:
         return unwound
 
     def are_equal(self, first: Floats, second: Floats) -> bool:
-        """Return True if all configurations are equal.
-
-        Both arrays have shape (..., size). Angles of continuous joints are compared modulo 2 pi.
-        """
+        """Return True if all configurations, shapes (..., size), are equal, continuous joints modulo 2 pi."""
         if not self.periodic_axes:
             return np.array_equal(first, second)
         return bool(
@@ -86,9 +67,7 @@ class StateKind:
 
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
-    """Return the conversions for OMPL's states.
-
-    They convert between configurations of ``space`` and states.
+    """Return the conversions between configurations of ``space`` and OMPL's states.
 
     Raises InputError for a map with rotations of a kind that OMPL has no states for.
     """
@@ -101,10 +80,7 @@ def kind_of(space: ConfigurationSpace) -> StateKind:
 
 
 def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a map.
-
-    The space of an arm is accepted too. The error hints at swapped arguments.
-    """
+    """Raise InputError unless ``space`` is a map or the space of an arm."""
     if not isinstance(space, ConfigurationSpace):
         hint = "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the order of arguments"
         rule = "it must be a CSpace or an ArmSpace"
@@ -112,10 +88,7 @@ def check_space(space: object) -> None:
 
 
 def check_information(si: object, space: object) -> None:
-    """Check OMPL's space information and a map.
-
-    Raises InputError unless ``si`` is space information, and ``space`` a map or the space of an arm.
-    """
+    """Raise InputError unless ``si`` is OMPL's space information, and ``space`` a map or the space of an arm."""
     if not isinstance(si, ob.SpaceInformation):
         rule, hint = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
         raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
@@ -178,72 +151,25 @@ def _read_se3(state: ob.State) -> Configuration:
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
 
 
-def _make_reading_kind(
-    make: Callable[[], ob.StateSpace],
-    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None],
-    read: Callable[[ob.State], Configuration],
-    write: Callable[..., None],
-    periodic_axes: tuple[bool, ...] = (),
-) -> StateKind:
-    """Create conversions that read whole states.
-
-    They suit spaces whose queries take longer than reading a state.
-    """
-    return StateKind(
-        make=make,
-        set_bounds=set_bounds,
-        read=read,
-        write=write,
-        of_state=lambda query: lambda s: query(*read(s)),
-        of_states=lambda query: lambda a, b: query(*read(a), *read(b)),
-        periodic_axes=periodic_axes,
-    )
-
-
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
-    ("x", "y"): StateKind(
-        make=lambda: ob.RealVectorStateSpace(2),
-        set_bounds=_bound,
-        read=lambda s: (s[0], s[1]),
-        write=_write_vector,
-        of_state=lambda query: lambda s: query(s[0], s[1]),
-        of_states=lambda query: lambda a, b: query(a[0], a[1], b[0], b[1]),
-    ),
+    ("x", "y"): StateKind(lambda: ob.RealVectorStateSpace(2), _bound, lambda s: (s[0], s[1]), _write_vector),
     ("x", "y", "yaw"): StateKind(
-        make=lambda: ob.SE2StateSpace(),
-        set_bounds=_bound,
-        read=lambda s: (s.getX(), s.getY(), s.getYaw()),
-        write=_write_se2,
-        of_state=lambda query: lambda s: query(s.getX(), s.getY(), s.getYaw()),
-        of_states=lambda query: lambda a, b: query(a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw()),
+        lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
     ),
-    ("x", "y", "z"): StateKind(
-        make=lambda: ob.RealVectorStateSpace(3),
-        set_bounds=_bound,
-        read=lambda s: (s[0], s[1], s[2]),
-        write=_write_vector,
-        of_state=lambda query: lambda s: query(s[0], s[1], s[2]),
-        of_states=lambda query: lambda a, b: query(a[0], a[1], a[2], b[0], b[1], b[2]),
+    ("x", "y", "z"): StateKind(lambda: ob.RealVectorStateSpace(3), _bound, lambda s: (s[0], s[1], s[2]), _write_vector),
+    ("x", "y", "z", "yaw"): StateKind(
+        _make_r3_so2,
+        lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
+        _read_r3_so2,
+        _write_r3_so2,
     ),
-    ("x", "y", "z", "yaw"): _make_reading_kind(
-        make=_make_r3_so2,
-        set_bounds=lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
-        read=_read_r3_so2,
-        write=_write_r3_so2,
-    ),
-    ("x", "y", "z", "qx", "qy", "qz", "qw"): _make_reading_kind(
-        make=lambda: ob.SE3StateSpace(), set_bounds=_bound, read=_read_se3, write=_write_se3
-    ),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(lambda: ob.SE3StateSpace(), _bound, _read_se3, _write_se3),
 }
 """Conversions for rigid bodies, by the axes of the space."""
 
 
 def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
-    """Create the conversions for joints.
-
-    A state is a vector, with a circle for each continuous joint. All joints have the same weight: a radian counts as
-    much as a metre.
-    """
+    """Create the conversions for joints: a vector, and a circle for each continuous joint, all of the same weight."""
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
         numbers = range(size)
@@ -251,7 +177,7 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
         def read_vector(state: ob.State) -> Configuration:
             return tuple([state[k] for k in numbers])
 
-        return _make_reading_kind(lambda: ob.RealVectorStateSpace(size), _bound, read_vector, _write_vector)
+        return StateKind(lambda: ob.RealVectorStateSpace(size), _bound, read_vector, _write_vector)
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     first = bool(limited)  # index of the first circle: the joints with limits, if any, share subspace 0
 
@@ -284,4 +210,4 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
         for n, k in enumerate(circles):
             state[first + n].value = q[k]
 
-    return _make_reading_kind(make, set_bounds, read, write, periodic_axes)
+    return StateKind(make, set_bounds, read, write, periodic_axes)

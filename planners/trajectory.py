@@ -54,30 +54,20 @@ CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#
 
 
 class Segments(NamedTuple):
-    """Straight parts of a path, or a car's arcs and straights.
+    """Straight parts of a path, or a car's arcs and straights; m of them."""
 
-    ``starts``, shape (m, size), are configurations; ``rates``, shape (m, k), translation and rotation vector there, or
-    motion of the joints, per unit of length. ``lengths`` and ``curvatures``, shape (m,), are metres of a car, and
-    radians per metre by which it turns left; otherwise norms of the whole rates, and zero.
-    """
-
-    starts: Floats
-    rates: Floats
-    lengths: Floats
-    curvatures: Floats
+    starts: Floats  # (m, size), configurations
+    rates: Floats  # (m, k), translation and rotation vector at the start, or joints, per unit of length
+    lengths: Floats  # (m,), metres of a car, otherwise norms of the whole rates
+    curvatures: Floats  # (m,), radians per metre by which a car turns left
 
 
 class Phases(NamedTuple):
-    """Parts of a motion with constant acceleration.
+    """Parts of a motion with constant acceleration, each on one segment; in the last one the robot rests."""
 
-    Each is on one segment; in the last one the robot rests at the goal. ``times``, shape (p,), are seconds at which
-    they start. ``positions``, ``speeds`` and ``accelerations`` are the length along the segment then, and its
-    derivatives by time.
-    """
-
-    times: Floats
+    times: Floats  # seconds at which they start
     segments: Ints
-    positions: Floats
+    positions: Floats  # length along the segment at that time, and its derivatives by time
     speeds: Floats
     accelerations: Floats
 
@@ -212,18 +202,12 @@ class Trajectory:
         return positions, velocities, accelerations
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw speed and angular speed over time.
-
-        For an arm, draw the velocity of each joint.
+        """Draw speed and angular speed over time; for an arm, the velocity of each joint.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             By default of a new figure without a window. A second unit gets an axis on the right.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
         """
         from cspace.plot.artists import legend_below, new_figure
 
@@ -306,10 +290,7 @@ class Trajectory:
 def write_csv(
     path: str | os.PathLike[str], overwrite: bool, names: Sequence[str], rows: Iterable[Sequence[float]]
 ) -> None:
-    """Write names and rows of numbers as CSV.
-
-    See :meth:`planners.Plan.to_csv`.
-    """
+    """Write names and rows of numbers as CSV; see :meth:`planners.Plan.to_csv`."""
     with replacing(path, overwrite) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
@@ -317,22 +298,7 @@ def write_csv(
 
 
 class DrivenPath(NamedTuple):
-    """A path that gets times, and its motion.
-
-    The motion is how the robot moves along the path.
-
-    Attributes
-    ----------
-    space : CSpace or ArmSpace
-    waypoints : ndarray of float64, shape (n, size)
-    axes, units : tuple of str
-        Names and units of the coordinates.
-    moves_joints : bool
-        Whether configurations are joint positions, not poses.
-    drive : str
-    turning_radius : float or None
-        As for :func:`planners.plan`.
-    """
+    """A path that gets times, and how the robot moves along it."""
 
     space: ConfigurationSpace | None
     waypoints: Floats
@@ -393,9 +359,9 @@ def make_trajectory(
 
 
 def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool) -> Floats:
-    """Return checked limits of the axes.
+    """Return checked limits of the axes, shape (k,), or () for the whole translation.
 
-    They have shape (k,), or shape () for the whole translation. ``known`` are the defaults of axes.
+    ``known`` are the defaults of axes.
     """
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
@@ -443,10 +409,9 @@ def _split_curves(path: DrivenPath) -> Segments:
 
 
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
-    """Return the segments between points.
+    """Return the segments between points, shape (m + 1, size), without very short ones.
 
-    Points have shape (m + 1, size). Very short segments are left out. ``steps``, shape (m, k), are the lengths times
-    the rates; ``radians`` turn the direction of motion.
+    ``steps``, shape (m, k), are the lengths times the rates; ``radians`` turn the direction of motion.
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
@@ -456,10 +421,7 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
 
 
 def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
-    """Return the largest rate of each segment.
-
-    The rate of its length stays within the limits. The result has shape (m,).
-    """
+    """Return the largest rate of each segment's length within the limits, shape (m,)."""
     parts = [np.abs(rates[:, :dim]) if linear.ndim else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)]
     limits = [np.atleast_1d(linear)]
     if angular is not None:
@@ -518,10 +480,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:
-    """Return the times of the rows of a trajectory.
-
-    Phases are cut into steps of at most ``time_step`` seconds.
-    """
+    """Return the times of rows, at most ``time_step`` seconds apart, with the start of each phase."""
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
     if counts.sum() >= MAX_ROWS:
         rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"

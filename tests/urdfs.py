@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace import Robot
+from cspace import Arm, Robot
 from cspace.arms import PosedShape
 
 
@@ -73,6 +73,17 @@ def planar(folder: Path, **changes: Any) -> Path:
         joint("shoulder", "foot", "upper", **changes),
         joint("elbow", "upper", "fore", at=(1, 0, 0)),
     )
+
+
+def planar_with_tip(folder: Path, **changes: Any) -> Arm:
+    """Return the arm of :func:`planar` with the frame tip at its end."""
+    return Arm.from_urdf(planar(folder, **changes)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+
+
+def poses_apart(pose: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+    """Return the distance and the angle between two poses, metres and radians."""
+    turn = Rotation.from_matrix(pose[:3, :3]).inv() * Rotation.from_matrix(other[:3, :3])
+    return float(np.linalg.norm(pose[:3, 3] - other[:3, 3])), float(turn.magnitude())
 
 
 def planar_with_tool(folder: Path) -> Path:

@@ -10,21 +10,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-from cspace import Arm, ConfigurationError, InputError, PoseGoal, Robot
+from cspace import Arm, ConfigurationError, InputError, PoseGoal
 from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, pose_at, pose_of, random_chain, two_arms, write_urdf
+from tests.urdfs import (
+    joint,
+    link,
+    planar,
+    planar_with_tip,
+    pose_at,
+    pose_of,
+    poses_apart,
+    random_chain,
+    two_arms,
+    write_urdf,
+)
 
 pytest.importorskip("yourdfpy")
 
 BOX = ((0.05, 0.05, 0.05), (0, 0, 0))
-
-
-def apart(pose: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """Return the distance and the angle between two poses, metres and radians."""
-    turn = Rotation.from_matrix(pose[:3, :3]).inv() * Rotation.from_matrix(other[:3, :3])
-    return float(np.linalg.norm(pose[:3, 3] - other[:3, 3])), float(turn.magnitude())
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 8))
@@ -43,7 +47,7 @@ def test_solutions_reach_the_pose_within_tolerance_and_limits(seed: int, count: 
             assert ((solutions >= arm.lower) & (solutions <= arm.upper)).all()
             for each in solutions:
                 reached = pose_of(path, "tool0", dict(zip(arm.joints, each, strict=True)))
-                assert (np.array(apart(reached, pose)) <= np.array(tolerance) + 1e-9).all()
+                assert (np.array(poses_apart(reached, pose)) <= np.array(tolerance) + 1e-9).all()
             between = np.abs(solutions[:, np.newaxis] - solutions).max(axis=2)
             assert (between[~np.eye(len(solutions), dtype=bool)] > 1e-3).all()
 
@@ -53,7 +57,7 @@ def _solutions_or_none(arm: Arm, pose: np.ndarray, tolerance: tuple[float, float
     try:
         solutions = arm.inverse("tool0", pose, tolerance=tolerance, near=near, max_solutions=8)
     except ConfigurationError as error:
-        assert (np.array(apart(arm.pose(error.nearest or (), "tool0"), pose)) > tolerance).any()
+        assert (np.array(poses_apart(arm.pose(error.nearest or (), "tool0"), pose)) > tolerance).any()
         return np.empty((0, arm.dof))
     distances = np.linalg.norm(solutions - near, axis=1)
     assert 1 <= len(solutions) <= 8
@@ -90,7 +94,7 @@ def test_poses_of_real_arms_are_reached_by_pinocchio(data: Path, name: str, fram
         solutions = arm.inverse(frame, pose, max_solutions=4)
         assert ((solutions >= arm.lower) & (solutions <= arm.upper)).all()
         for each in solutions:
-            assert (np.array(apart(pose_by_pinocchio(each), pose)) <= (1e-4, 1e-3)).all()
+            assert (np.array(poses_apart(pose_by_pinocchio(each), pose)) <= (1e-4, 1e-3)).all()
 
 
 def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
@@ -104,7 +108,7 @@ def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
 
 
 def test_both_elbows_of_a_planar_arm_are_found(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    arm = planar_with_tip(tmp_path)
     both = arm.inverse("tip", pose_at(1, 1), tolerance=(1e-4, math.inf), near=(0.1, 1.0))
     np.testing.assert_allclose(both, [(0.0, math.pi / 2), (math.pi / 2, -math.pi / 2)], atol=2e-4)
     one = arm.inverse("tip", arm.pose((0.3, -0.7), "tip"))
@@ -112,7 +116,7 @@ def test_both_elbows_of_a_planar_arm_are_found(tmp_path: Path) -> None:
 
 
 def test_loose_tolerances_reach_poses_that_are_out_of_reach(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    arm = planar_with_tip(tmp_path)
     lifted, turned = pose_at(1, 1, 0.1), pose_at(1, 1, 0, (0, 0, math.pi / 2 + 0.3))
     for pose, tight, loose in (
         (lifted, (0.09, math.inf), (0.11, math.inf)),
@@ -124,11 +128,11 @@ def test_loose_tolerances_reach_poses_that_are_out_of_reach(tmp_path: Path) -> N
                 arm.inverse("tip", pose, tolerance=tight)
         solutions = arm.inverse("tip", pose, tolerance=loose)
         for q in solutions:
-            assert (np.array(apart(arm.pose(q, "tip"), pose)) <= loose).all()
+            assert (np.array(poses_apart(arm.pose(q, "tip"), pose)) <= loose).all()
 
 
 def test_an_unreachable_pose_is_refused_with_the_nearest_one(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    arm = planar_with_tip(tmp_path)
     message = (
         r"pose is out of reach of tip: the nearest pose that it reached is 1 m and .* rad away; "
         r"it must be within 0.0001 m and 0.001 rad; move the pose, or pass a larger tolerance"
@@ -159,7 +163,7 @@ def test_joints_turn_towards_the_given_configuration(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("</robot>", f"{link('e', BOX)}{follows}</robot>"))
     arm = Arm.from_urdf(path)
     for q in arm.inverse("e", arm.pose((0.5, 0.6, 0.7), "e"), near=(20.0, 6.5, 0.7)):
-        assert max(apart(arm.pose(q, "e"), arm.pose((0.5, 0.6, 0.7), "e"))) < 1e-3
+        assert max(poses_apart(arm.pose(q, "e"), arm.pose((0.5, 0.6, 0.7), "e"))) < 1e-3
 
 
 def test_joints_that_do_not_move_the_frame_keep_their_values(tmp_path: Path) -> None:
@@ -183,7 +187,7 @@ def test_held_joints_stay_where_they_are_held(tmp_path: Path) -> None:
     q = np.random.default_rng(4).uniform(*arm._ranges())
     pose = pose_of(path, "tool0", dict(zip(whole.joints, (0.4, *q), strict=True)))
     for each in arm.inverse("tool0", pose):
-        assert max(apart(pose_of(path, "tool0", dict(zip(whole.joints, (0.4, *each), strict=True))), pose)) < 1e-3
+        assert max(poses_apart(pose_of(path, "tool0", dict(zip(whole.joints, (0.4, *each), strict=True))), pose)) < 1e-3
 
 
 def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:

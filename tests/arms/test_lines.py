@@ -19,7 +19,7 @@ from cspace.arms.inverse import make_pose_problem, make_pose_scratch
 from cspace.arms.lines import LineProblem, LineScratch, bound_deviation, make_lines
 from tests.refusals import refusals
 from tests.solids import ArmOracle, box
-from tests.urdfs import joint, link, planar, pose_at, pose_of, posed_box, random_chain, write_urdf
+from tests.urdfs import joint, link, planar_with_tip, pose_at, pose_of, posed_box, random_chain, write_urdf
 
 pytest.importorskip("yourdfpy")
 
@@ -304,7 +304,7 @@ def test_stops_are_explained(tmp_path: Path) -> None:
         (0.0, 0.5), "hand", [pose_at(0.5, 1e-4), pose_at(-0.5, 1e-4)], tolerance=(1e-6, 7.0)
     )
     assert jump.stopped_by == "jump" and "as at a singularity" in jump.status and "it moves turn by" in jump.status
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    arm = planar_with_tip(tmp_path)
     stretched = build_arm_space({}, arm).follow_line((0.5, 0.5), "tip", pose_at(4, 1), tolerance=FREE_ROTATION)
     assert stretched.stopped_by == "reach" and "no configuration near the last one reaches farther" in stretched.status
     tip = np.array(arm.pose(stretched.waypoints[-1], "tip"))[:2, 3]

@@ -22,13 +22,13 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 import planners
-from cspace import InputError, Robot
+from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
 from tests.planning import CAR_OPTIONS, ENDPOINTS, SPACES, build_open_map, build_room, turn_between
 from tests.refusals import refusals
 from tests.strategies import seeds
-from tests.urdfs import joint, link, planar, pose_at, post, write_urdf
+from tests.urdfs import joint, link, planar, planar_with_tip, pose_at, post, write_urdf
 
 AXES_OF_KIND: dict[str, tuple[str, ...]] = {
     "plane": ("x", "y"),
@@ -541,7 +541,7 @@ def test_a_path_of_an_arm_has_the_trajectory_of_its_plan(arm_plan: planners.Plan
 
 
 def test_a_line_of_an_arm_has_a_trajectory_near_the_line(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    arm = planar_with_tip(tmp_path)
     space = build_arm_space({}, arm)
     motion = space.follow_line((-0.9, 1.6), "tip", pose_at(1.2, 0.9), tolerance=(1e-3, math.inf))
     trajectory = planners.Trajectory.along(space, motion, max_velocity=1.0, max_acceleration=2.0, duration=9.0)
@@ -558,7 +558,7 @@ def test_a_line_of_an_arm_has_a_trajectory_near_the_line(tmp_path: Path) -> None
 
 
 def test_trajectories_along_unproven_paths_are_refused(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    arm = planar_with_tip(tmp_path)
     space = build_arm_space({"post": post()}, arm)
     far = space.follow_line((-0.9, 1.6), "tip", pose_at(9.0, 0.9), tolerance=(1e-3, math.inf))
     refused: Any = (
