@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache, cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, overload
 
 import numpy as np
@@ -47,7 +47,7 @@ from cspace.spectral.spectra import (
     norm_square,
     separate_all,
 )
-from cspace.spectral.trees import BallTree, ContactTest
+from cspace.spectral.trees import MAX_PENDING_NODE_PAIRS, BallTree, ContactTest
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -79,10 +79,6 @@ class Verdict(IntEnum):
         raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
 
 
-_VERDICTS: Final = tuple(Verdict)
-"""Verdicts by value, because calling ``Verdict`` takes longer than a test of two trees."""
-
-
 @dataclass(frozen=True, slots=True)
 class Separation:
     """Verdict about placements, and its cost.
@@ -103,6 +99,10 @@ class Separation:
     frequencies: int | Ints
     overlap: float | Floats
     bound: float | Floats
+
+
+_BY_BALLS: Final = tuple(Separation(verdict, 0, 0.0, math.inf if verdict > 0 else 0.0) for verdict in Verdict)
+"""Results by verdict if the balls decide; making one takes longer than a test of two trees."""
 
 
 class FourierOverlap:
@@ -318,7 +318,7 @@ class FourierOverlap:
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
         other._rotation = rotation_matrix(matrix @ self._rotation, self.dim)
         other._pivot = other._rotation @ self._original.center
-        for made in ("_levels", "_contact_test"):
+        for made in ("_levels", "_contact_test", "_test_one"):
             other.__dict__.pop(made, None)
         return other
 
@@ -334,12 +334,15 @@ class FourierOverlap:
 
         ``t``, shape (..., d), is in metres.
         """
+        # For one placement, arrays would take ten times as long as the test.
+        values: Any = t.tolist() if isinstance(t, np.ndarray) and t.ndim == 1 else t
+        if isinstance(values, list | tuple) and [type(value) for value in values] == [float] * self.dim:
+            verdict = self._test_one(*values, *[0.0] * (3 - self.dim)) if all(map(math.isfinite, values)) else None
+            if verdict == 0 or (verdict is not None and self.threshold == 0.0):
+                return _BY_BALLS[verdict]
         placements = check_points(t, "t", self.dim)
-        relative = self._relative(placements.reshape(-1, self.dim))
-        verdicts = self._contact_test.evaluate(relative)
-        first = int(verdicts[0]) if placements.ndim == 1 else 0
-        if placements.ndim == 1 and (first == 0 or self.threshold == 0.0):  # arrays would take twice the time
-            return Separation(_VERDICTS[first], 0, 0.0, math.inf if first else 0.0)
+        flat = placements.reshape(-1, self.dim)
+        verdicts, relative = self._contact_test.test(_in_space(flat)), self._relative(flat)
         touching = verdicts != Verdict.MISS
         counts, sums = np.zeros(len(verdicts), dtype=np.int64), np.zeros((len(verdicts), 2))
         sums[touching, 1] = math.inf
@@ -352,7 +355,7 @@ class FourierOverlap:
                 if not len(rest):
                     break
         if placements.ndim == 1:
-            return Separation(_VERDICTS[verdicts[0]], int(counts[0]), *sums[0].tolist())
+            return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
         shape = placements.shape[:-1]
         totals, bounds = (column.reshape(shape) for column in sums.T)
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
@@ -389,7 +392,21 @@ class FourierOverlap:
         """Contact test of A, rotated, and B."""
         (outer_a, outer_b), (inner_a, inner_b) = self._trees
         outer_a, inner_a = outer_a.rotated(self._rotation), inner_a.rotated(self._rotation)
-        return ContactTest(outer_a, outer_b, inner_a, inner_b, self._half_sides, 4.0 * self._placement_error)
+        frame, scratch = (
+            np.stack([self._pivot, self._center_b, self._half_sides]),
+            np.empty(MAX_PENDING_NODE_PAIRS, int),
+        )
+        slack = 4.0 * self._placement_error
+        return ContactTest(outer_a, outer_b, inner_a, inner_b, _in_space(frame), slack, scratch)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without compiled functions, which are made again at first use."""
+        return {name: value for name, value in self.__dict__.items() if name != "_test_one"}
+
+    @cached_property
+    def _test_one(self) -> Callable[..., int]:
+        """Contact test of one placement, as a compiled function of x, y and z."""
+        return callback(self._contact_test, 3, nogil=False)
 
     @property
     def _placement_error(self) -> float:
@@ -426,8 +443,7 @@ class FourierOverlap:
 class _Band:
     """One band of frequencies, shared by all rotations of A, and the spectrum of B in it.
 
-    ``lengths``, shape (d,), are the periods, metres; ``norms`` returns the integrals of the squared descriptors of A
-    and B, each with its error.
+    ``lengths``, shape (d,), are the periods, metres.
     """
 
     a: BallDescriptor
@@ -435,7 +451,6 @@ class _Band:
     lengths: Floats
     halves: tuple[int, ...]
     accuracy: float
-    norms: Callable[[], list[tuple[float, float]]]
 
     @cached_property
     def rings(self) -> Rings:
@@ -450,7 +465,11 @@ class _Band:
     @cached_property
     def tail_b(self) -> float:
         """Upper bound of the energy of B outside the band."""
-        return self.spectrum_b.tail(self.rings, self.norms()[1])
+        return self.spectrum_b.tail(self.rings, _norm(self.b))
+
+
+_norm = lru_cache(maxsize=64)(norm_square)
+"""Integral of a squared descriptor, and its error; bands and rotations share it."""
 
 
 def _make_bands(
@@ -460,10 +479,10 @@ def _make_bands(
 
     The last one is the whole band. Each has an eighth of the frequencies of the next, down to about 2,000.
     """
-    found, norms = [halves], cache(lambda: [norm_square(a), norm_square(b)])
+    found = [halves]
     while math.prod(found[-1]) > 2_000:
         found.append(tuple(math.ceil(half / 8.0 ** (1.0 / len(halves))) for half in found[-1]))
-    return [_Band(a, b, lengths, each, accuracy, norms) for each in reversed(found)]
+    return [_Band(a, b, lengths, each, accuracy) for each in reversed(found)]
 
 
 class _Level:
@@ -490,7 +509,7 @@ class _Level:
     @cached_property
     def terms(self) -> Terms:
         """Terms for verdicts, with bounds of all frequencies."""
-        tail = math.sqrt(self._spectrum.tail(self.band.rings, self.band.norms()[0])) * math.sqrt(self.band.tail_b)
+        tail = math.sqrt(self._spectrum.tail(self.band.rings, _norm(self.band.a))) * math.sqrt(self.band.tail_b)
         return self.sums._replace(bounds=self.sums.bounds + BOUND_ROUNDING * tail)
 
     @cached_property
@@ -518,6 +537,11 @@ class _Level:
         """Terms of the derivative along each axis."""
         waves = 2j * math.pi * self.band.rings.indices / self.band.rings.lengths
         return [self.sums._replace(products=self.sums.products * wave) for wave in waves.T]
+
+
+def _in_space(points: Floats) -> Floats:
+    """Return points (n, d) of the plane or space as points (n, 3)."""
+    return np.ascontiguousarray(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))
 
 
 def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:

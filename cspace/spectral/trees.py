@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bytes, Floats, Ints
-from cspace.compiling import kernel
+from cspace.arrays import Bytes, Floats, Ints, Numbers
+from cspace.compiling import compilable, kernel
 from cspace.threads import in_chunks
 
 MISS, HIT, UNDECIDED = range(3)
@@ -86,13 +86,12 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
 
 
 @kernel
-def compare_placed(a: BallTree, b: BallTree, placement: Floats, slack: float, pending: Ints) -> int:
-    """Return MISS, HIT or UNDECIDED for two ball trees.
+def compare_placed(a: BallTree, b: BallTree, x: float, y: float, z: float, slack: float, pending: Ints) -> int:
+    """Return MISS, HIT or UNDECIDED for two ball trees, the first one moved by (x, y, z).
 
-    Tree a is moved by ``placement``, shape (d,). ``slack``, metres, bounds the rounding of the distance between two
-    centers. ``pending`` is scratch of MAX_PENDING_NODE_PAIRS items.
+    ``slack``, metres, bounds the rounding of the distance between two centers. ``pending`` is scratch of
+    MAX_PENDING_NODE_PAIRS items.
     """
-    x, y, z = placement[0], placement[1], placement[2] if len(placement) == 3 else 0.0
     result, count = MISS, min(1, len(a.sizes), len(b.sizes))
     # A pair of nodes (i, j) is stored as one number, i in its upper half.
     pending[0] = 0
@@ -119,24 +118,31 @@ def compare_placed(a: BallTree, b: BallTree, placement: Floats, slack: float, pe
     return result
 
 
+@compilable
 class ContactTest(NamedTuple):
     """Ball trees that decide whether two bodies touch, for kernels.
 
     The balls of ``outer_a`` and ``outer_b`` cover bodies a and b; they prove that the bodies are apart. The balls of
-    ``inner_a`` and ``inner_b`` prove that they overlap: balls inside them, the outer balls again, or none.
-    ``half_sides``, shape (d,), are the largest absolute coordinates of placements, metres, at which the bodies can
-    touch, and ``slack`` bounds the rounding of the distance between two centers there.
+    ``inner_a`` and ``inner_b`` prove that they overlap: balls inside them, the outer balls again, or none. ``frame``,
+    shape (3, 3), metres, has the centers of a and b, to which the trees are relative, and the largest absolute
+    coordinates of center a relative to b at which the bodies can touch. ``slack`` bounds the rounding of the distance
+    between two centers there. ``pending`` is scratch.
     """
 
     outer_a: BallTree
     outer_b: BallTree
     inner_a: BallTree
     inner_b: BallTree
-    half_sides: Floats
+    frame: Floats
     slack: float
+    pending: Ints
 
-    def evaluate(self, placements: Floats) -> Bytes:
-        """Return MISS, HIT or UNDECIDED, shape (n,), for placements of a, shape (n, d), metres, in threads."""
+    def evaluate(self, q: Numbers) -> int:
+        """Return MISS, HIT or UNDECIDED for one placement (x, y, z); the interpreter lock must guard the scratch."""
+        return test_placement(self, q[0], q[1], q[2], self.pending)
+
+    def test(self, placements: Floats) -> Bytes:
+        """Return MISS, HIT or UNDECIDED, shape (n,), for placements of a, shape (n, 3), metres, in threads."""
         out = np.empty(len(placements), dtype=np.uint8)
 
         def work(start: int, stop: int) -> int:
@@ -150,12 +156,18 @@ class ContactTest(NamedTuple):
 
 @kernel
 def test_each(test: ContactTest, placements: Floats, pending: Ints, out: Bytes) -> None:
-    """Write MISS, HIT or UNDECIDED for each placement of a: the outer trees first, then the inner ones."""
+    """Write the verdicts of placements (n, 3)."""
     for n in range(len(placements)):
-        out[n] = MISS
-        inside = True
-        for axis in range(placements.shape[1]):
-            inside = inside and abs(placements[n, axis]) <= test.half_sides[axis]
-        if inside and compare_placed(test.outer_a, test.outer_b, placements[n], test.slack, pending) != MISS:
-            found = compare_placed(test.inner_a, test.inner_b, placements[n], test.slack, pending)
-            out[n] = HIT if found == HIT else UNDECIDED
+        out[n] = test_placement(test, placements[n, 0], placements[n, 1], placements[n, 2], pending)
+
+
+@kernel
+def test_placement(test: ContactTest, x: float, y: float, z: float, pending: Ints) -> int:
+    """Return MISS, HIT or UNDECIDED for a placement of a: the outer trees first, then the inner ones."""
+    a, b, half = test.frame
+    x, y, z = (x + a[0]) - b[0], (y + a[1]) - b[1], (z + a[2]) - b[2]
+    if not (abs(x) <= half[0] and abs(y) <= half[1] and abs(z) <= half[2]):
+        return MISS
+    if compare_placed(test.outer_a, test.outer_b, x, y, z, test.slack, pending) == MISS:
+        return MISS
+    return HIT if compare_placed(test.inner_a, test.inner_b, x, y, z, test.slack, pending) == HIT else UNDECIDED

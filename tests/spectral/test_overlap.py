@@ -1,6 +1,7 @@
 """Overlaps from spectra, against pairs, quadrature and geometry."""
 
 import math
+import pickle
 import sys
 from typing import Any
 
@@ -344,6 +345,20 @@ def test_verdicts_about_touching_need_no_frequency() -> None:
     assert overlap.separated([0.0, 0.0]) == overlap.separated([0.0, 0.1]) == Separation(Verdict.HIT, 0, 0.0, math.inf)
     assert overlap.separated([0.0, 0.3]).verdict is Verdict.UNDECIDED
     assert FourierOverlap(a, b, band=8.0, threshold=1e-3).separated([1.5, 1.5]).verdict is Verdict.MISS
+
+
+@settings(max_examples=10)
+@given(seeds, st.sampled_from([2, 3]))
+def test_single_placements_agree_with_batches_for_any_type_and_after_pickling(seed: int, dim: int) -> None:
+    a, b, rng = draw_ball_sets(dim, seed)
+    overlap = FourierOverlap(a, b, band=4.0).rotated(0.3 if dim == 2 else Rotation.from_rotvec([0.1, 0.2, 0.3]))
+    ts = np.concatenate([draw_placements(overlap, rng, 9), np.round(draw_placements(overlap, rng, 9))])
+    expected = overlap.separated(ts)
+    for copied in (overlap, pickle.loads(pickle.dumps(overlap))):
+        for t, verdict, bound in zip(ts, expected.verdict, expected.bound, strict=True):
+            kinds = t, t.tolist(), tuple(t), t.astype(np.longdouble), (t.astype(int) if (t == np.round(t)).all() else t)
+            for same in kinds:
+                assert copied.separated(same) == Separation(Verdict(int(verdict)), 0, 0.0, bound)
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))
