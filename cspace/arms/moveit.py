@@ -154,10 +154,13 @@ class PlanningScene:
                 hint = "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state"
                 raise InputError(self.source, problem, rule, hint, value=value)
         for frame, (root, motion) in self._motions.items():
-            if frame == root or frame not in arm.frames:
+            if frame == WORLD and root in arm.frames:  # then the arm knows where the world is
+                body, pose = arm._frames.get(WORLD, (0, np.eye(4)))
+            elif frame != root and frame in arm.frames:
+                body, pose = arm._frames[frame]
+            else:
                 continue
             base = base_pose if root == self.frame else find_base_pose(root, arm, self.source)
-            body, pose = arm._frames[frame]
             if body or np.abs(base @ pose - motion).max() > MOTION_ROUNDING:
                 problem = f"moves the frame {frame!r} by fixed_frame_transforms"
                 hint = "remove that transform, or correct base_pose="
@@ -199,7 +202,8 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
     Raises
     ------
     InputError
-        If it is neither ``"world"``, which is taken as the base, nor a frame of the arm that no joint moves.
+        If it is neither ``"world"``, which is the root of the URDF, nor a frame of the arm that no joint moves; or if
+        it is ``"world"``, and the base is not the root.
     """
     hint = "pass base_pose=, the pose of the arm's base in that frame"
     if frame in arm.frames:
@@ -207,7 +211,7 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
         if body:
             raise InputError(source, f"has poses in the frame {frame!r}", "a joint of the arm moves it", hint)
         return np.linalg.inv(pose).astype(np.float64)
-    if frame != WORLD or WORLD in arm._left_out:
+    if frame != WORLD or arm._left_out:  # the base is not the root, which MoveIt takes for the world
         rule = f"the arm has no such frame; its base is {arm.frames[0]!r}"
         raise InputError(source, f"has poses in the frame {frame!r}", rule, hint, value=frame)
     return np.eye(4)
@@ -262,11 +266,12 @@ def read_moveit_scene(
             problem, rule = "has is_diff: true at robot_state", "it only changes another state"
             raise ContentError(problem, rule, "write the whole state")
         transforms = check_list(table.get("fixed_frame_transforms"), "fixed_frame_transforms")
-        _, base_motion = find_frame_motions(transforms, [state.base_frame])[state.base_frame]
-        if np.abs(base_motion - np.eye(4)).max() > MOTION_ROUNDING:
-            problem = f"has multi_dof_joint_state of robot_state in the frame {state.base_frame!r}"
-            rule, hint = "which fixed_frame_transforms move", "write it in the frame of the scene"
-            raise ContentError(f"{problem}, {rule}", "an arm's base is fixed", hint)
+        frames = [] if state.base_frame is None else [state.base_frame]
+        for frame, (_, motion) in find_frame_motions(transforms, frames).items():
+            if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
+                problem = f"has multi_dof_joint_state of robot_state in the frame {frame!r}"
+                problem, hint = f"{problem}, which fixed_frame_transforms move", "write it in the frame of the scene"
+                raise ContentError(problem, "an arm's base is fixed", hint)
         contacts = parse_contacts(table.get("allowed_collision_matrix"))
     obstacles = {shape.name: PosedShape(shape.shape, shape.pose) for shape in content.shapes}
     radius = None if ball is None or not any(shape.is_plane for shape in content.shapes) else ball[1]

@@ -880,7 +880,7 @@ def build_arm_space(
     base_pose : array-like, shape (4, 4), optional
         Pose of the arm's base in the frame of the obstacles; the identity by default. For a planning scene, the default
         is the pose in the frame of the scene, which must be ``"world"`` or a frame of the arm that no joint moves;
-        ``"world"`` is the frame of the base, unless the URDF has a link of that name elsewhere.
+        ``"world"`` is the frame of the base, if that is the root of the URDF.
 
     Raises
     ------

@@ -77,14 +77,14 @@ class RobotValues(NamedTuple):
         Messages of attached objects.
     is_diff : bool
         Whether it only changes another state.
-    base_frame : str
-        Frame in which joints with several degrees of freedom do not move the robot.
+    base_frame : str or None
+        Frame in which joints with several degrees of freedom do not move the robot; None if there are none.
     """
 
     joints: dict[str, float]
     attached: Sequence[Mapping[str, Any]]
     is_diff: bool
-    base_frame: str
+    base_frame: str | None
 
 
 def check_table(value: Any, place: str, fields: Collection[str] | None = None) -> Mapping[str, Any]:
@@ -190,12 +190,12 @@ def parse_pose(value: Any, place: str) -> Floats:
 def parse_frame(entry: Mapping[str, Any], place: str) -> str:
     """Return the frame that the header of a message names."""
     header = check_table(entry.get("header"), f"the header of {place}", ("seq", "stamp", "frame_id"))
-    return _strip(header.get("frame_id"))
+    return _parse_frame_name(header.get("frame_id"), f"frame_id of {place}")
 
 
-def _strip(frame: Any) -> str:
-    """Return a frame without the slash of old versions of ROS."""
-    return str(frame or "").lstrip("/") or WORLD
+def _parse_frame_name(frame: Any, place: str) -> str:
+    """Return a frame without the slash of old versions of ROS; empty names are the world."""
+    return parse_name(frame, place).lstrip("/") or WORLD if frame not in (None, "") else WORLD
 
 
 def find_frame_motions(transforms: Sequence[Any], frames: Iterable[str]) -> dict[str, tuple[str, Floats]]:
@@ -208,7 +208,10 @@ def find_frame_motions(transforms: Sequence[Any], frames: Iterable[str]) -> dict
     for number, item in enumerate(transforms):
         place = f"fixed_frame_transforms[{number}]"
         entry = check_table(item, place, ("header", "child_frame_id", "transform"))
-        frame, parent = parse_frame(entry, place), _strip(entry.get("child_frame_id"))
+        frame, parent = (
+            parse_frame(entry, place),
+            _parse_frame_name(entry.get("child_frame_id"), f"child_frame_id of {place}"),
+        )
         motion = _parse_transform(entry.get("transform"), place)
         if frame in parents:
             raise ContentError(f"has two transforms of the frame {frame!r}", "it must have one", "remove one")
@@ -281,7 +284,7 @@ def parse_robot_state(value: Any, place: str) -> RobotValues:
     attached = check_list(state.get("attached_collision_objects"), f"attached_collision_objects of {place}")
     tables = [check_table(each, f"attached_collision_objects[{number}]") for number, each in enumerate(attached)]
     is_diff = parse_flag(state.get("is_diff"), f"is_diff of {place}")
-    return RobotValues(dict(zip(names, values, strict=True)), tables, is_diff, frame)
+    return RobotValues(dict(zip(names, values, strict=True)), tables, is_diff, frame if transforms else None)
 
 
 def parse_contacts(value: Any) -> Contacts | None:

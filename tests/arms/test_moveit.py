@@ -2,6 +2,8 @@
 
 import json
 import math
+import xml.etree.ElementTree as ET
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from cspace import Arm, PoseGoal, Robot, build_arm_space
 from cspace.arms import JointValues, read_moveit_request, read_moveit_scene
 from cspace.errors import ConfigurationError, FileError, InputError
 from tests.refusals import refusals
-from tests.urdfs import joint, link, posed_box, write_urdf
+from tests.urdfs import joint, link, pose_of, posed_box, random_arm, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 SQUARE = Rotation.from_euler("z", 90, degrees=True).as_quat().tolist()
@@ -328,6 +330,11 @@ def test_scenes_of_another_arm_are_refused(
 def test_a_transform_of_a_frame_of_the_arm_must_agree_with_it(tmp_path: Path) -> None:
     """MoveIt takes the frames of links from the robot, not from the transforms."""
     arm = read_arm(tmp_path)
+    tf_motion = {"translation": [0, 0, 0.75], "rotation": [0, 0, 0, 1]}  # of tf: where the stand is in the world
+    transforms = [{"header": {"frame_id": "world"}, "child_frame_id": "stand", "transform": tf_motion}]
+    scene = read_moveit_scene(write_scene(tmp_path, make_object("box"), fixed_frame_transforms=transforms))
+    with pytest.raises(InputError, match="moves the frame 'world' by fixed_frame_transforms; the arm has it elsewhere"):
+        build_arm_space(scene, arm)
     for frame, height, ends in (
         ("stand", 0.75, None),
         ("stand", 0.5, "the frame 'stand'"),
@@ -355,8 +362,42 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
     )
     scene = read_moveit_scene(write_scene(tmp_path, make_object("box", (0.5, 0, 1))))
     assert not build_arm_space(scene, Arm.from_urdf(path)).is_free((0.0,))
-    with pytest.raises(InputError, match="in the frame 'world'; the arm has no such frame; its base is 'base'"):
-        build_arm_space(scene, Arm.from_urdf(path, base="base"))
+    for name in ("world", "floor"):  # without a link "world", MoveIt takes the root for it
+        path.write_text(path.read_text().replace('"world"', f'"{name}"'))
+        with pytest.raises(InputError, match="in the frame 'world'; the arm has no such frame; its base is 'base'"):
+            build_arm_space(scene, Arm.from_urdf(path, base="base"))
+    assert not build_arm_space(scene, Arm.from_urdf(path)).is_free((0.0,))
+    pose = np.eye(4)
+    pose[2, 3] = 1.0
+    assert not build_arm_space(scene, Arm.from_urdf(path, base="base"), base_pose=pose).is_free((0.0,))
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+@given(seed=st.integers(0, 2**20))
+def test_the_reach_of_an_arm_bounds_the_radius_of_planes(tmp_path: Path, seed: int) -> None:
+    """Compare the reach that the message gives with corners of links at random configurations."""
+    rng, path = np.random.default_rng(seed), random_arm(tmp_path, seed)
+    arm, base_pose = Arm.from_urdf(path), np.eye(4)
+    base_pose[:3, :3], base_pose[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-2, 2, 3)
+    wall = {"id": "wall", "planes": [{"coef": [0, 0, 1, 9]}], "header": {"frame_id": "hall"}}
+    scene = read_moveit_scene(write_scene(tmp_path, wall), plane_radius=1e-3)
+    with pytest.raises(InputError, match="the arm reaches") as caught:
+        build_arm_space(scene, arm, base_pose=base_pose)
+    reach = float(str(caught.value).partition("the arm reaches ")[2].split()[0])
+    low, high = arm._ranges()
+    values = dict(zip(arm.joints, rng.uniform(low, high, (50, arm.dof)).T, strict=True))
+    farthest = 0.0
+    for each in ET.parse(path).findall("link"):
+        for part in each.findall("collision"):
+            sizes, at = (
+                np.array(node.get(key).split(), dtype=float)  # type: ignore[union-attr]
+                for node, key in ((part.find("geometry/box"), "size"), (part.find("origin"), "xyz"))
+            )
+            corners = at + sizes / 2 * np.array(list(product((-1, 1), repeat=3)))
+            poses = base_pose @ pose_of(path, str(each.get("name")), values)
+            placed = corners @ poses[..., :3, :3].swapaxes(-1, -2) + poses[..., None, :3, 3]
+            farthest = max(farthest, float(np.linalg.norm(placed, axis=-1).max()))
+    assert 0.3 * reach < farthest <= reach * (1 + 1e-5)
 
 
 @refusals(

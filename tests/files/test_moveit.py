@@ -360,6 +360,7 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
         [make_primitive("box", [1, 1, 1]), make_primitive("box", [1, 1, 2], operation="append")],
         "appends to object 'thing'; versions of MoveIt differ in the pose; write all its shapes in one object",
     ),
+    ([make_primitive("box", [1, 1, 1], header={"frame_id": 5})], "has '5' as frame_id of object 'thing'; it must be a"),
     ([make_primitive("box", [1, 1, 1], subframe_names=["a"])], "has 1 subframe_names but 0 subframe_poses at object"),
     (
         [make_primitive("box", [1, 1, 1]), make_primitive("box", [1, 1, 1], name="b", header={"frame_id": "thing"})],
