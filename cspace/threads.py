@@ -49,7 +49,7 @@ def in_threads(
     A failure or Ctrl-C cancels the items that have not begun. Nested calls run serially.
     """
     threads = min(threads, len(items))
-    if threads == 1:
+    if threads <= 1:
         return _gather(map(work, items), progress)
     with ThreadPoolExecutor(threads, initializer=_mark_worker) as pool:
         try:

@@ -431,7 +431,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """Compute a lower bound of the distance from collision.
 
         The bound is in metres, between links and obstacles and between links, without the margin. It is zero if a
-        configuration is not proven free, and infinite if there is nothing to touch.
+        configuration is not proven free, and infinite if there is nothing to touch. Only pairs that joints move count,
+        so not an obstacle and a link of the base.
 
         Parameters
         ----------
@@ -481,7 +482,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def closest(self, q: ArrayLike) -> Contact:
         """Return the link and obstacle nearest to touching.
 
-        Instead of an obstacle, it may be another link. ``q`` has shape (dof,).
+        Instead of an obstacle, it may be another link. Only pairs that joints move count. ``q`` has shape (dof,).
 
         Raises
         ------

@@ -447,6 +447,18 @@ def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:
     assert (build_joint_map(space, 0.1, ("1", "2"), held_joints=(0, 0, 0, 0)).cell_states == MIXED).any()
 
 
+@pytest.mark.parametrize("posts", [(), POSTS[:1]], ids=["no obstacle", "an obstacle that may be touched"])
+def test_map_of_joints_that_move_no_pair_is_free(tmp_path: Path, posts: Any) -> None:
+    space = build_plane_arm(tmp_path, posts=posts)
+    space.allow_collisions([(one, other) for one in ("foot", "upper", "fore") for other in (*space.obstacles, "fore")])
+    joint_map = build_joint_map(space, 0.5)
+    assert joint_map.count() == (joint_map.grid.size, 0, 0)
+    q = np.random.default_rng(0).uniform(-3.0, 3.0, (2, 20, 2))
+    for exact in (False, True):
+        assert np.asarray(joint_map.motion_is_free(*q, exact=exact)).all()
+    assert undecided_pairs(joint_map) == {}
+
+
 def test_joint_with_equal_limits_is_held(tmp_path: Path) -> None:
     """Keep the joint at its value; maps omit it."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
