@@ -37,6 +37,7 @@ from cspace.spectral.descriptors import (
 from cspace.spectral.spectra import (
     BOUND_ROUNDING,
     MIN_SPECTRUM_TOLERANCE,
+    PAIR_TABLE_NODES,
     Correlation,
     Rings,
     Spectrum,
@@ -46,8 +47,9 @@ from cspace.spectral.spectra import (
     evaluate_real_series,
     norm_square,
     separate_all,
+    sum_pairs,
 )
-from cspace.spectral.trees import MAX_PENDING_NODE_PAIRS, BallTree, ContactTest
+from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, BallTree, ContactTest
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -58,6 +60,9 @@ MAX_FREQUENCIES: Final = 2**26
 
 MAX_WAVE_INDEX: Final = 2**15 - 1
 """Highest frequency along an axis, cycles per period, that int16 holds."""
+
+MAX_SUMMED_PAIRS: Final = 2**22
+"""Number of placements times pairs of balls up to which a verdict sums over pairs instead of another band."""
 
 PERIOD_MARGIN: Final = 1e-6
 """Relative margin of the period, so that rounding cannot make any ball wrap around."""
@@ -329,8 +334,9 @@ class FourierOverlap:
         whether two balls touch. If none do, it is a *MISS*: the overlap is zero. If two overlap and the threshold is
         zero, it is a *HIT*. For a threshold above zero, frequencies are summed ring by ring, from low to high, until
         the sum and a bound of the remainder decide: *MISS* proves that the ideal overlap of all frequencies is below
-        the threshold, *HIT* that it is above. Otherwise, it is *UNDECIDED*. For an overlap made by :meth:`of_shapes`,
-        the verdict is about the shapes, and takes no frequency.
+        the threshold, *HIT* that it is above. If few placements remain after a small band, their pairs of balls are
+        summed instead. Otherwise, it is *UNDECIDED*. For an overlap made by :meth:`of_shapes`, the verdict is about the
+        shapes, and takes no frequency.
 
         ``t``, shape (..., d), is in metres.
         """
@@ -354,11 +360,27 @@ class FourierOverlap:
                 rest = rest[verdicts[rest] == Verdict.UNDECIDED]
                 if not len(rest):
                     break
+                # For few placements, sums over pairs of balls are faster than spectra in the next band, and decide.
+                if len(rest) * len(self._b.radii) * len(self._original.radii) <= MAX_SUMMED_PAIRS:
+                    sums[rest] = self._sum_pairs(relative[rest])
+                    low, high = sums[rest, 0] - sums[rest, 1], sums[rest, 0] + sums[rest, 1]
+                    verdicts[rest[high < self.threshold]], verdicts[rest[low > self.threshold]] = MISS, HIT
+                    break
         if placements.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
         shape = placements.shape[:-1]
         totals, bounds = (column.reshape(shape) for column in sums.T)
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
+
+    def _sum_pairs(self, relative: Floats) -> Floats:
+        """Return the ideal overlaps, with bounds of their errors, at relative placements (n, d); shape (n, 2)."""
+        a, b = self._original, self._b
+        arms, fixed = (a.centers - a.center) @ self._rotation.T, b.centers - self._center_b
+        different = len(np.unique(a.radii)) * len(np.unique(b.radii))
+        # Tables of few pairs of radii are kept for the next rotation.
+        many, slack = 0 if different <= 256 else PAIR_TABLE_NODES, 4.0 * self._placement_error
+        moved = (arms + each for each in relative)
+        return np.stack(sum_pairs(a.bump, moved, a.radii, (fixed, b.radii, np.ones(len(fixed))), slack, many), axis=1)
 
     def _choose_halves(
         self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float

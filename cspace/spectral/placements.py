@@ -29,7 +29,7 @@ from cspace.spectral.descriptors import (
     union,
 )
 from cspace.spectral.overlap import FourierOverlap, rotation_matrix
-from cspace.spectral.spectra import Correlation, norm_square, tabulated_integrals
+from cspace.spectral.spectra import Correlation, norm_square, sum_pairs
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -384,24 +384,11 @@ class _Score:
 
     def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
         """Return the ideal scores of poses, sums over pairs of balls, and bounds of their errors, shape (n,)."""
-        body, target = self.body.radii, self.target.radii
         far = float(np.abs(poses.centers).max(initial=0.0))
-        shift = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + far)
-        found: list[Floats] = []
-        for pose, (center, matrix) in enumerate(zip(poses.centers, poses.rotations, strict=True)):
-            moved = self.arms @ matrix.T + center
-            for part in np.array_split(np.arange(len(body)), math.ceil(len(body) * len(target) / 2**20)):
-                gaps = np.linalg.norm(moved[part, None] - self.target.centers, axis=2)
-                i, j = np.nonzero(gaps < body[part, None] + target + shift)
-                found.append(np.stack([np.full(len(i), pose), body[part][i], target[j], gaps[i, j], self.weights[j]]))
-        rows, first, second, distances, weights = np.concatenate([np.empty((5, 0)), *found], axis=1)
-        values, errors = tabulated_integrals(self.body.bump, first, second, distances, self.dim)
-        # The common part of two balls changes by at most a cross-section of the smaller one times a change of distance.
-        edges = {2: 2.0, 3: math.pi}[self.dim] * np.minimum(first, second) ** (self.dim - 1)
-        errors += shift * edges + 2.0**-40 * np.abs(values)
-        sums = (weights * values, np.abs(weights) * errors)
-        scores, bounds = (np.bincount(rows.astype(np.int64), each, len(poses.scores)) for each in sums)
-        return np.asarray(scores, dtype=np.float64), np.asarray(bounds, dtype=np.float64)
+        slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + far)
+        moved = (self.arms @ matrix.T + center for center, matrix in zip(poses.centers, poses.rotations, strict=True))
+        fixed = self.target.centers, self.target.radii, self.weights
+        return sum_pairs(self.body.bump, moved, self.body.radii, fixed, slack)
 
 
 @kernel

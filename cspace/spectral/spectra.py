@@ -738,21 +738,54 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
 
 
-def tabulated_integrals(
-    bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int
+def sum_pairs(
+    bump: Bump,
+    moved: Iterable[Floats],
+    radii: Floats,
+    fixed: tuple[Floats, Floats, Floats],
+    slack: float,
+    many: int = PAIR_TABLE_NODES,
 ) -> tuple[Floats, Floats]:
-    """Compute :func:`pair_integrals` of many pairs; radii with many pairs get a table."""
+    """Return the ideal overlaps of moved balls with fixed ones, sums over pairs of balls, and bounds of their errors.
+
+    ``moved`` yields the centers (k, d) of the moved balls at each of n placements, whose radii are ``radii``; ``fixed``
+    are the centers, radii and weights of the others. ``slack`` bounds the rounding of a distance, metres. The results
+    have shape (n,). More than ``many`` pairs of equal radii get a table.
+    """
+    centers, other_radii, weights = fixed
+    found, number, dim = [np.empty((5, 0))], 0, centers.shape[1]
+    for placement, points in enumerate(moved):
+        number = placement + 1
+        for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(other_radii) / 2**20)):
+            gaps = np.linalg.norm(points[part, None] - centers, axis=2)
+            i, j = np.nonzero(gaps < radii[part, None] + other_radii + slack)
+            rows = np.full(len(i), placement), radii[part][i], other_radii[j], gaps[i, j], weights[j]
+            found.append(np.stack(rows))
+    rows, first, second, distances, factors = np.concatenate(found, axis=1)
+    values, errors = tabulated_integrals(bump, first, second, distances, dim, many)
+    # The common part of two balls changes by at most a cross-section of the smaller one times a change of distance.
+    edges = {2: 2.0, 3: math.pi}[dim] * np.minimum(first, second) ** (dim - 1)
+    errors += slack * edges + 2.0**-40 * np.abs(values)
+    sums = (factors * values, np.abs(factors) * errors)
+    totals, bounds = (np.bincount(rows.astype(np.int64), each, number).astype(np.float64) for each in sums)
+    return totals, bounds
+
+
+def tabulated_integrals(
+    bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int, many: int = PAIR_TABLE_NODES
+) -> tuple[Floats, Floats]:
+    """Compute :func:`pair_integrals` of many pairs; more than ``many`` pairs of equal radii get a table."""
     values, errors = np.zeros((2, len(distances)))
     pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
     keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)
     # The integrals of indicators are not smooth in the distance.
-    many = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
-    for number in np.flatnonzero(many):
+    tabulated = (counts > many) & (not bump.is_indicator)
+    for number in np.flatnonzero(tabulated):
         (large, small), members = (keys[number].real, keys[number].imag), group == number
         fit, error = _tabulate_pair(bump, float(large), float(small), dim)
         values[members] = fit(np.minimum(2.0 * distances[members] / (large + small), 2.0) - 1.0)
         errors[members] = error
-    few = ~many[group]
+    few = ~tabulated[group]
     if few.any():
         values[few], errors[few] = pair_integrals(bump, first[few], second[few], distances[few], dim)
     return values, errors

@@ -4,6 +4,7 @@ import math
 import pickle
 import sys
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -202,9 +203,12 @@ def test_rotated_agrees_with_rotated_balls(dim: int) -> None:
 # ---- what verdicts prove ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=6)
+@pytest.mark.parametrize("max_pairs", [-1, 2**22], ids=["bands", "pairs"])
+@settings(max_examples=4)
 @given(seeds, st.sampled_from([2, 3]), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
-def test_verdicts_are_right_about_the_ideal_overlap(seed: int, dim: int, alpha: float, share: float) -> None:
+def test_verdicts_are_right_about_the_ideal_overlap(
+    max_pairs: int, seed: int, dim: int, alpha: float, share: float
+) -> None:
     a, b, rng = draw_ball_sets(dim, seed)
     bump = Bump(alpha)
     near = b[0][rng.integers(len(b[0]), size=12)] - a[0][rng.integers(len(a[0]), size=12)]
@@ -212,17 +216,39 @@ def test_verdicts_are_right_about_the_ideal_overlap(seed: int, dim: int, alpha: 
     expected, error = compute_ideals(a, b, bump, ts)
     threshold = float(np.median(expected))
     overlap = FourierOverlap(a, b, bump=bump, threshold=threshold, tolerance=share)
-    answers = overlap.separated(ts)
+    with patch("cspace.spectral.overlap.MAX_SUMMED_PAIRS", max_pairs):
+        answers = overlap.separated(ts)
+        singles = [overlap.separated(t) for t in ts]
     assert (expected[answers.verdict == Verdict.MISS] < threshold + error).all()
     assert (expected[answers.verdict == Verdict.HIT] > threshold - error).all()
     assert (np.abs(answers.overlap - expected) <= answers.bound + error).all()
     assert ((answers.frequencies >= 0) & (answers.frequencies <= 1.2 * overlap.frequencies)).all()
-    for k, t in enumerate(ts):
-        alone = overlap.separated(t)
+    for k, alone in enumerate(singles):
         assert isinstance(alone.verdict, Verdict)
-        assert alone == Separation(
-            *(each[k] for each in (answers.verdict, answers.frequencies, answers.overlap, answers.bound))
-        )
+        assert alone.overlap == pytest.approx(answers.overlap[k], abs=alone.bound + answers.bound[k])
+        if max_pairs < 0:
+            assert alone == Separation(
+                *(each[k] for each in (answers.verdict, answers.frequencies, answers.overlap, answers.bound))
+            )
+
+
+@settings(max_examples=6)
+@given(seeds, st.sampled_from([2, 3]))
+def test_overlaps_near_the_threshold_are_decided(seed: int, dim: int) -> None:
+    """Sample the product of the descriptors; the small band alone does not decide."""
+    a, b, rng = draw_ball_sets(dim, seed)
+    t = b[0][0] - a[0][0] + rng.normal(0.0, 0.03, dim)
+    moved = BallDescriptor(a[0] + t, a[1])
+    lower, upper = moved.bounds
+    side = float((upper - lower).max()) / (400 if dim == 2 else 80)
+    grid = Grid(lower, side, np.ceil((upper - lower) / side).astype(int))
+    whole = intersection(BallDescriptor(*b).sample(grid), moved.sample(grid)).integral
+    for share, verdict in ((1.02, Verdict.MISS), (0.98, Verdict.HIT)):
+        overlap = FourierOverlap(a, b, threshold=share * whole, band=2.0)
+        answer = overlap.separated(t)
+        assert answer.verdict is verdict
+        assert answer.overlap == pytest.approx(whole, rel=0.02, abs=answer.bound)
+        assert 0.0 < answer.bound < 1e-4 * whole
 
 
 @settings(max_examples=5)
