@@ -13,16 +13,14 @@ L. E. Dubins, "On curves of minimal length with a constraint on average curvatur
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from cspace.arrays import MIXED, Floats, Ints
-from cspace.compiling import bind_kernel, jit, kernel
+from cspace.arrays import Floats, Ints
+from cspace.compiling import jit, kernel
 from cspace.map.points import around_is_free
 from cspace.map.storage import Map
 from cspace.rotations.base import TWO_PI
-from cspace.space import CSpace
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Field, cost_at
 
 Pose = tuple[float, float, float]
@@ -61,23 +59,6 @@ MAX_PIECE_CELLS = 4.0
 
 MIN_PIECE_CELLS = 1.0 / 16.0
 """Length of the shortest piece of a curve that is proven at once, in cells."""
-
-
-def make_length_prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
-    """Make ``prove(*q0, *q1)``, which calls :func:`prove_length` on a map."""
-    map_ = space._kernel_map
-    # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
-    map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
-    return bind_kernel(prove_length, (map_, kind, radius), *[0.0] * 6)
-
-
-def make_curve_cost(
-    space: CSpace, kind: int, radius: float, field: Field, density: CostDensity
-) -> Callable[..., float]:
-    """Make ``cost(*q0, *q1)``, which calls :func:`curve_cost` on a map."""
-    fixed = (space._kernel_map, field, density, (kind, radius))
-    query = bind_kernel(curve_cost, fixed, (0.0,) * 6)
-    return lambda *endpoints: query(endpoints)
 
 
 @jit

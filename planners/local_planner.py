@@ -25,9 +25,9 @@ from ompl import base as ob
 
 from cspace.arms.inverse import PoseGoal
 from cspace.arms.space import ArmSpace, collision_error
-from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
-from cspace.compiling import clock
+from cspace.compiling import bind_kernel, clock
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
@@ -269,28 +269,6 @@ class LocalPlanner(ABC):
         """Return False if no path can join start and goal, given the result of :meth:`prove_existence`."""
         return exists is not False
 
-    def describe_existence(self, exists: bool | None) -> str:
-        """Say whether a path is proven to exist, for the status of a plan without a path."""
-        return "unknown whether one exists"
-
-    def describe_limits(self, endpoints: Endpoints) -> list[str]:
-        """Name the limits of motions at start and goal, for the status of a plan without a path."""
-        return []
-
-    def hints_without_chain(self, planner: str) -> list[str]:
-        """List what to try if no chain of FREE cells joins start and goal."""
-        return []
-
-    def hints_after_search(
-        self, exists: bool | None, planner: str, is_named: bool, time: str, unsupported: list[str]
-    ) -> list[str]:
-        """List what to try if a planner found no path.
-
-        ``is_named`` tells that the user chose the planner. ``time`` is a longer time limit, and ``unsupported`` are the
-        given options that the planner "Grid" does not support.
-        """
-        return [f"more time ({time})", "another seed", "another planner"]
-
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
         """Return one configuration as an array; raise InputError if its length is wrong or it is not finite."""
         point = check_finite(q, name)
@@ -477,65 +455,6 @@ class EdgesOnMap(LocalPlanner):
         between such points stay there, and curves that leave it are not proven.
         """
         return exists is not False if self.exact else exists is True
-
-    def describe_existence(self, exists: bool | None) -> str:
-        """Say whether a path is proven to exist, for the status of a plan without a path."""
-        if exists is None:
-            return "undecided whether one exists"
-        return "a path exists" if self.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
-
-    def describe_limits(self, endpoints: Endpoints) -> list[str]:
-        """Name the yaws proven free at start and goal, unless all are or the robot is holonomic."""
-        if self.drive == HOLONOMIC:
-            return []
-        limits = []
-        for name, q in zip(("start", "goal"), endpoints, strict=True):
-            low, high = self._find_free_yaws(q)
-            if high - low < TWO_PI - ANGLE_SLACK:
-                yaws = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
-                too_few = ", too few to turn around" * (self.drive in ON_THE_SPOT)
-                limits.append(f"at the {name} only yaws {yaws} are proven free{too_few}")
-        return limits
-
-    def _find_free_yaws(self, q: Configuration) -> tuple[float, float]:
-        """Return the range of yaws, unwrapped, that the robot reaches on the spot through FREE cells.
-
-        It is a whole revolution if all rotation cells are FREE, or if that of ``q`` is not.
-        """
-        rotations = self.space.rotations
-        free = self.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
-        cell, borders = int(rotations.cell_of(q[2])), np.asarray(rotations._coordinates["yaw_bounds"])
-        if free.all() or not free[cell]:
-            return -math.pi, math.pi
-        free, widths = np.roll(free, -cell), np.roll(np.diff(borders, axis=1)[:, 0], -cell)
-        above, below = int(np.argmin(free)), int(np.argmin(free[::-1]))  # FREE cells from that of q on, and before it
-        low = q[2] - (q[2] - borders[cell, 0]) % TWO_PI
-        return low - float(widths[len(widths) - below :].sum()), low + float(widths[:above].sum())
-
-    @property
-    def _finer_map(self) -> str:
-        return "a finer spacing" + " or more rotations" * bool(self.space.rotations.names)
-
-    def hints_without_chain(self, planner: str) -> list[str]:
-        """List what to try if no chain of FREE cells joins start and goal."""
-        exact = "planner='RRTConnect' with exact=True" if planner in (MAX_CLEARANCE, LATTICE) else "exact=True"
-        part = "" if isinstance(self.space, CSpace) else " on space.window(lower, upper)"
-        wider = ["a workspace with wider bounds"] * (self.space.outside == "free")
-        return [*([] if self.drive in CURVES else [exact + part]), self._finer_map, *wider]
-
-    def hints_after_search(
-        self, exists: bool | None, planner: str, is_named: bool, time: str, unsupported: list[str]
-    ) -> list[str]:
-        """List what to try if a planner found no path."""
-        more = f"more time ({time})"
-        if exists is None:
-            return [self._finer_map, more]
-        if self.drive != HOLONOMIC:
-            return [more, *["a smaller turning_radius"] * (self.drive in CURVES), "another planner"]
-        if planner == GRID:
-            return [more, "planner='RRTConnect'"]
-        options = f" without {' and '.join(unsupported)}" if unsupported else ""
-        return [*[f"planner='Grid'{options}, which finds one"] * is_named, more]
 
 
 class StraightEdges(EdgesOnMap):
@@ -879,9 +798,11 @@ class CarCurves(EdgesOnMap):
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        from planners.car_curves import make_curve_cost
+        from planners.car_curves import curve_cost
 
-        return make_curve_cost(self.space, self.kind, self.radius, field, density)
+        fixed = (self.space._kernel_map, field, density, (self.kind, self.radius))
+        query = bind_kernel(curve_cost, fixed, (0.0,) * 6)
+        return lambda *endpoints: query(endpoints)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves the curve between two states of OMPL free.
@@ -899,9 +820,12 @@ class CarCurves(EdgesOnMap):
 
     def length_prover(self) -> Callable[..., float]:
         """Make ``prove(*q0, *q1)``, the metres of the shortest curve if it is proven free, otherwise -1."""
-        from planners.car_curves import make_length_prover
+        from planners.car_curves import prove_length
 
-        return make_length_prover(self.space, self.kind, self.radius)
+        map_ = self.space._kernel_map
+        # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
+        map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
+        return bind_kernel(prove_length, (map_, self.kind, self.radius), *[0.0] * 6)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""

@@ -198,13 +198,7 @@ class OverlapObjective(WeightedLength):
         else:
             saturation = check_positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
-            si,
-            space,
-            found.cells,
-            slope=1.0 / saturation,
-            weight=weight,
-            drive=drive,
-            turning_radius=turning_radius,
+            si, space, found.cells, slope=1.0 / saturation, weight=weight, drive=drive, turning_radius=turning_radius
         )
 
 

@@ -15,6 +15,7 @@ from cspace.check import check_count, check_flag, check_positive
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace, TileSubproblem
 from cspace.errors import InputError
+from cspace.rotations.base import TWO_PI
 from cspace.space import CSpace
 from planners.catalogue import (
     BIRRT,
@@ -472,36 +473,69 @@ def _search_passages(search: Search, edges: EdgesOnMap, endpoints: Endpoints, li
 
 def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
     """Return the status of a plan, and a hint if no path was found though one may exist."""
-    edges, planner = task.edges, task.search.planner
+    edges = task.edges
     if len(result.path):
         return "path found" + (f": {result.note}" if result.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    existence = edges.describe_existence(exists)
+    existence = "unknown whether one exists"
+    if isinstance(edges, EdgesOnMap):
+        sideways = "a path exists" if edges.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
+        existence = sideways if exists else "undecided whether one exists"
+    hints = _list_hints(task, exists)
+    hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
     if not edges.may_join(exists):
-        return f"{NO_CHAIN}; {existence}", _join_hints(edges.hints_without_chain(planner))
-    given = {
-        "exact=True": edges.exact,
-        "objective": task.objective != "length",
-        "iterations": task.search.iterations is not None,
-    }
-    unsupported = [option for option, is_given in given.items() if is_given]
-    longer = f"time_limit={10 * task.time_limit:g}"
-    hints = edges.hints_after_search(exists, planner, task.is_named, longer, unsupported)
-    status = [_describe_failure(result, task.time_limit), result.lattice, existence]
-    return "; ".join(filter(None, status + edges.describe_limits(task.endpoints))), _join_hints(hints)
+        return f"{NO_CHAIN}; {existence}", hint
+    failure = f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
+    if result.planning >= 0.95 * task.time_limit:
+        failure = f"no path found within {task.time_limit:g} s{result.where}"
+    limits = _describe_free_yaws(edges, task.endpoints) if isinstance(edges, EdgesOnMap) else []
+    return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
 
 
-def _describe_failure(result: SearchResult, limit: float) -> str:
-    """Say how a search ended that found no path."""
-    if result.planning >= 0.95 * limit:
-        return f"no path found within {limit:g} s{result.where}"
-    return f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
+def _list_hints(task: _Task, exists: bool | None) -> list[str]:
+    """List what to try if no path was found."""
+    edges, planner, more = task.edges, task.search.planner, f"more time (time_limit={10 * task.time_limit:g})"
+    if not isinstance(edges, EdgesOnMap):
+        return [more, "another seed", "another planner"]
+    finer = "a finer spacing" + " or more rotations" * bool(edges.space.rotations.names)
+    if not edges.may_join(exists):
+        exact = "planner='RRTConnect' with exact=True" if planner in (MAX_CLEARANCE, LATTICE) else "exact=True"
+        exact += "" if isinstance(edges.space, CSpace) else " on space.window(lower, upper)"
+        wider = ["a workspace with wider bounds"] * (edges.space.outside == "free")
+        return [*[exact] * (edges.drive not in CURVES), finer, *wider]
+    if exists is None:
+        return [finer, more]
+    if edges.drive != HOLONOMIC:
+        return [more, *["a smaller turning_radius"] * (edges.drive in CURVES), "another planner"]
+    if planner == GRID:
+        return [more, "planner='RRTConnect'"]
+    given = {"exact=True": edges.exact, "objective": task.objective != "length", "iterations": task.search.iterations}
+    unsupported = " and ".join(option for option, is_given in given.items() if is_given)
+    by_grid = f"planner='Grid'{f' without {unsupported}' if unsupported else ''}, which finds one"
+    return [*[by_grid] * task.is_named, more]
 
 
-def _join_hints(hints: list[str]) -> str:
-    """Join alternatives: "a, b, or c"."""
-    return ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
+def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
+    """Name the yaws reached on the spot through FREE cells at start and goal, unless all are or it is holonomic."""
+    if edges.drive == HOLONOMIC:
+        return []
+    limits, rotations = [], edges.space.rotations
+    borders = np.asarray(rotations._coordinates["yaw_bounds"])
+    for name, q in zip(("start", "goal"), endpoints, strict=True):
+        free = edges.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
+        cell = int(rotations.cell_of(q[2]))
+        if free.all() or not free[cell]:
+            continue
+        free, widths = np.roll(free, -cell), np.roll(np.diff(borders, axis=1)[:, 0], -cell)
+        above, below = int(np.argmin(free)), int(np.argmin(free[::-1]))  # FREE cells from that of q on, and before it
+        lowest = q[2] - (q[2] - borders[cell, 0]) % TWO_PI
+        low = lowest - float(widths[len(widths) - below :].sum())
+        high = lowest + float(widths[:above].sum())
+        yaws = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
+        too_few = ", too few to turn around" * (edges.drive in ON_THE_SPOT)
+        limits.append(f"at the {name} only yaws {yaws} are proven free{too_few}")
+    return limits
 
 
 def _make_plan(task: _Task, given: ArrayLike, result: SearchResult, exists: bool | None, began: float) -> Plan:
