@@ -96,7 +96,7 @@ class Bump:
         return self.alpha == math.inf
 
     def profile(self, distance: ArrayLike) -> Floats:
-        """Evaluate the bump at distances, in radii, of any shape; raises InputError if one is below 0 or not finite."""
+        """Evaluate the bump at distances, in radii, zero or above."""
         distances = check_finite(distance, "distance")
         if (distances < 0.0).any():
             raise InputError("distance", f"holds {distances.min():g}", "none may be below zero", "pass the modulus")
@@ -160,14 +160,14 @@ class Bump:
 
 
 def check_bump(bump: Any) -> Bump:
-    """Return the bump, or ``Bump()`` for None; raises InputError for anything else."""
+    """Return the bump, or ``Bump()`` for None."""
     if bump is not None and not isinstance(bump, Bump):
         raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump)
     return Bump() if bump is None else bump
 
 
 def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> float:
-    """Return a relative tolerance from ``min_tolerance`` to 0.1; raises InputError for anything else."""
+    """Return a tolerance from ``min_tolerance`` to 0.1, or raise InputError."""
     value = check_finite(tolerance, "tolerance")
     if value.ndim or not min_tolerance <= value <= 0.1:
         rule = f"it must be one number from {min_tolerance:g} to 0.1, relative to the largest value"
@@ -176,7 +176,7 @@ def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> flo
 
 
 def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
-    """Return frequencies, cycles per radius; raises InputError if one is negative or too high."""
+    """Return usable frequencies, cycles per radius, or raise InputError."""
     k = check_finite(frequency, name)
     for value in (k.min(initial=0.0), k.max(initial=0.0)):
         if not 0.0 <= value <= MAX_RADIAL_FREQUENCY:
@@ -187,13 +187,13 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
 
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> RadialTable:
-    """Compute the table of a bump, or reuse that of a recent call."""
+    """Return the table of a bump, from the cache if recent."""
     return RadialTable(radial_transform(bump.values, table_points(max_frequency, 0.5 * tolerance), dim), max_frequency)
 
 
 @lru_cache(maxsize=16)
 def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
-    """Return nodes and weights, shape (2 count + 1,), of a quadrature on [0, 1]; the central node is 1/2."""
+    """Return ``2 count + 1`` nodes and weights of a quadrature on [0, 1]."""
     u = MAX_ABSCISSA / count * np.arange(-count, count + 1)
     down = np.exp(-math.pi * np.sinh(u))
     nodes = 1.0 / (1.0 + down)
@@ -201,7 +201,7 @@ def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
 
 
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Integrate the product of two radial bump functions, for many pairs.
+    """Integrate products of two bumps, for many pairs.
 
     ``first`` and ``second`` are the radii of the bumps, and ``distances`` those of their centers, in one unit; shape
     (n,). Returns the integrals over the plane or space, and bounds of their errors, shape (n,) each. For more than 8
@@ -225,7 +225,7 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:
-    """Return the length of a circle or the area of a sphere."""
+    """Return the length of circles or the area of spheres."""
     return np.asarray(dim * UNIT_BALL_VOLUME[dim] * radius ** (dim - 1))
 
 
@@ -269,7 +269,7 @@ class RadialTable:
         self._coefficients = np.ascontiguousarray(chebyshev_coefficients(values.T))
 
     def __call__(self, frequencies: Floats) -> Floats:
-        """Interpolate the spectrum at frequencies of any shape; raises InputError above the table."""
+        """Interpolate the spectrum; raises InputError above the table."""
         k = np.asarray(frequencies, dtype=np.float64)
         if k.size and not (k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + 1e-9) + 1e-9):  # for rounding
             problem, rule = f"reach from {k.min():g} to {k.max():g}", f"the table ends at {self.max_frequency:g}"
@@ -311,7 +311,7 @@ def chebyshev_nodes(count: int) -> Floats:
 
 
 def chebyshev_coefficients(values: Floats) -> Floats:
-    """Return the coefficients of polynomials from their values, shape (count, ...), at :func:`chebyshev_nodes`."""
+    """Return Chebyshev coefficients of values at :func:`chebyshev_nodes`, along the first axis."""
     from scipy.fft import dct
 
     coefficients = dct(values, axis=0) / len(values)
@@ -376,7 +376,7 @@ def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Float
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
-    """Return the area or volume common to two balls of radii a and b, accurate also for thin lenses."""
+    """Return the area or volume common to two balls."""
     small = np.minimum(a, b)
     # Subtract similar lengths first, because such differences are exact.
     depth = (np.maximum(a, b) - distance) + small
@@ -392,7 +392,7 @@ def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
 
 
 def _segment_area(radius: Floats, height: Floats) -> Floats:
-    """Return the areas of disc segments by radius and height; a series replaces ``x - sin(x)`` for small x."""
+    """Return areas of disc segments, accurate also for flat ones."""
     angle = 4.0 * np.arcsin(np.sqrt(np.minimum(1.0, height / (2.0 * radius))))
     series = [(-1.0) ** n / math.factorial(2 * n + 3) for n in range(6)]
     small = angle**3 * np.polynomial.polynomial.polyval(angle * angle, series)

@@ -132,14 +132,14 @@ class BallDecomposition:
 
     @property
     def volume_bounds(self) -> Bounds:
-        """Bounds of the union's area or volume over that of the shape; infinite if the shape has none."""
+        """Bounds of the union's volume over the shape's."""
         low, high = self.shape_measure
         lower, upper = self.measure
         return Bounds(lower / high if high > 0.0 else math.inf, upper / low if low > 0.0 else math.inf)
 
     @property
     def volume_ratio(self) -> float:
-        """Mean of the bounds in :attr:`volume_bounds`, which differ by about 1e-5 in the plane."""
+        """Mean of the bounds in :attr:`volume_bounds`."""
         return sum(self.volume_bounds) / 2.0
 
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
@@ -406,7 +406,7 @@ def _choose_equal_balls(
 
 
 def _grow_equally(lattice: Lattice, balls: LatticeBalls, growth: float, number: int) -> LatticeBalls | None:
-    """Choose at most ``number`` balls that cover all cells after growing, in sides, or return None."""
+    """Choose balls that, grown by a length, cover all cells."""
     cover = Cover(lattice, whole=True)
     grown = balls._replace(reaches=balls.depths + growth)
     chosen = cover.choose(grown, number)
@@ -535,7 +535,7 @@ def _choose_cover(
 
 
 def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
-    """Return the largest ball in the shape around every cell center."""
+    """Return the largest ball in the shape around each cell center."""
     return LatticeBalls(lattice.cell_centers, lattice.depths, lattice.depths)
 
 
@@ -563,7 +563,7 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Return a ball around a deep point of each cell, centers (n, 3); none for cells without a point in the shape."""
+    """Return a ball around a deep point of each cell, if any."""
     points = _balls_at_cell_centers(lattice).select(np.zeros(0, dtype=np.int64))
     for cuts in (1, 2, 4, 8, 16):  # parts per side of a cell
         if not len(cells):
@@ -640,7 +640,7 @@ class Cover:
         return np.argwhere(self._cells.counts == 0) + np.float64(0.5)
 
     def choose(self, balls: LatticeBalls, max_balls: int) -> Ints:
-        """Choose at most ``max_balls`` balls greedily by the cells they add; return their indices, in that order."""
+        """Choose at most ``max_balls`` balls; return their indices, in that order."""
         # A ball contains at most as many cells as fit into it when it is larger by half a diagonal.
         lattice, dim = self._lattice, self._lattice.region.dim
         enclosing = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
@@ -660,7 +660,7 @@ class Cover:
         return reaches
 
     def polish(self, centers: Floats, radii: Floats) -> None:
-        """Move balls, centers (n, 3) and radii (n,), inside the shape to contain more cells, in place."""
+        """Move balls inside the shape to contain more cells, in place."""
         lattice, border = self._lattice, self._lattice.region.inner
         lattice_frame = lattice.corner, lattice.side, border.error
         polish(self._cells, border.tree, centers, radii, lattice_frame, np.empty((2, 3)))
@@ -668,7 +668,7 @@ class Cover:
 
 @kernel
 def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
-    """Return the range of ``count`` cells whose centers lie within ``length`` of a coordinate."""
+    """Return the cells whose centers lie within ``length`` of a coordinate."""
     return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
@@ -705,7 +705,7 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float, only_open: bool)
 
 @kernel
 def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
-    """Add a ball to the counts of its cells (step 1), or remove it (step -1)."""
+    """Add a ball to the counts of its cells, or remove it."""
     counts, prefix_sums = cells.counts, cells.prefix_sums
     for n in range(_find_rows(cells, center, reach, False)[0]):
         i, j, first, stop = cells.rows[n]

@@ -85,7 +85,7 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
 
 
 def _convex_parts(geometry: BaseGeometry) -> Floats:
-    """Split a geometry into convex parts: corners (n, k, 2), of which the last repeats if there are fewer than k."""
+    """Split a geometry into convex parts, of k corners with repetitions: (n, k, 2)."""
     import shapely
 
     rings: list[list[Corner]] = []
@@ -127,7 +127,7 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
-    """Merge convex, counterclockwise rings that share an edge while they stay convex (Hertel and Mehlhorn, 1983)."""
+    """Merge adjacent rings while they stay convex (Hertel and Mehlhorn, 1983)."""
     pieces = dict(enumerate(rings))
     owner = {(ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))}
     for a, b in list(owner):
@@ -150,7 +150,7 @@ def _rotate_ring(ring: list[Corner], corner: Corner) -> list[Corner]:
 
 
 def _add_ring(boundary: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], times: int) -> None:
-    """Add the directed edges of a ring to a boundary, ``times`` times; opposite edges cancel."""
+    """Add a ring's edges, ``times`` times; opposite edges cancel."""
     for k in range(len(ring)):
         a, b = ring[k - 1], ring[k]
         if a < b:
@@ -172,7 +172,7 @@ def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
 
 
 def _orientation(a: Corner, b: Corner, c: Corner) -> int:
-    """Return the exact orientation of three points: 1 for a left turn, -1 for a right turn, 0 if collinear."""
+    """Return the exact orientation of a turn: 1 left, -1 right, 0 straight."""
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in (a, b, c))
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return (area > 0) - (area < 0)
@@ -226,7 +226,7 @@ class Descriptor:
 
     @property
     def integral(self) -> float:
-        """Integral: the sum of the values times the area or volume of a cell."""
+        """Sum of the values times the volume of a cell."""
         return float(self.values.sum() * self.grid.spacing**self.dim)
 
 
@@ -254,16 +254,16 @@ class BallDescriptor(Balls):
 
     @property
     def integral(self) -> float:
-        """Integral over the plane or space, metres to the power ``dim``."""
+        """Integral over the plane or space, metres to ``dim``."""
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
     @property
     def center(self) -> Floats:
-        """Center of the bounding box of the centers, shape (d,), metres."""
+        """Center of the bounding box of the centers, metres."""
         return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
 
     def sample(self, grid: Grid) -> Descriptor:
-        """Evaluate the descriptor at the centers of cells; raises InputError if the dimensions differ."""
+        """Evaluate the descriptor at the centers of cells."""
         check_same_dim("set of balls", self.dim, grid.dim)
         values = np.zeros(grid.shape)
         for window, squares in _ball_windows(self.centers, self.radii, grid):
@@ -284,7 +284,7 @@ class BallDescriptor(Balls):
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
-    """Check and copy centers (n, dim) and radii (n,); raises InputError if a radius is not above zero."""
+    """Check and copy centers and radii, which must be above zero."""
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
         hint = "drop balls that have no volume"
@@ -381,7 +381,7 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
-    """Return a descriptor; raises InputError unless it is sampled on a grid."""
+    """Return a descriptor on a grid; raises InputError for others."""
     if not isinstance(descriptor, Descriptor):
         problem, rule = f"is a {type(descriptor).__name__}, no Descriptor", "it must be sampled on a grid"
         hint = "make one with sample(grid) or indicator(shape, grid)"
@@ -523,12 +523,12 @@ def minkowski_sum(
 
 
 def _same_spacing(f: Grid, g: Grid) -> bool:
-    """Return True if two grids have the same dimension and spacing."""
+    """Return True if two grids agree in dimension and spacing."""
     return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
 
 
 def _on_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
-    """Return descriptors; raises InputError if one is not sampled, or the grids differ."""
+    """Return descriptors on one grid; raises InputError for others."""
     sampled = [check_sampled(each) for each in descriptors]
     grid = sampled[0].grid
     for other in (each.grid for each in sampled):

@@ -72,14 +72,14 @@ BYTES_PER_LATTICE_STEP: Final = 40.0
 
 
 class Verdict(IntEnum):
-    """Whether two ball sets are apart; each method states what that proves. ``bool(verdict)`` raises."""
+    """Whether two ball sets are apart; ``bool(verdict)`` raises."""
 
     MISS = 0
     HIT = 1
     UNDECIDED = 2
 
     def __bool__(self) -> bool:
-        """Raise InputError: a verdict has three values, MISS is 0, and UNDECIDED is no hit."""
+        """Raise InputError, because UNDECIDED is neither true nor false."""
         rule, hint = "a verdict is neither true nor false", "compare it, e.g. verdict == Verdict.MISS"
         raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
 
@@ -257,7 +257,7 @@ class FourierOverlap:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of frequencies ``k / length`` along each axis, odd; k up to ``count // 2`` on either side."""
+        """Number of frequencies ``k / length`` along each axis, odd."""
         return tuple(2 * half + 1 for half in self._bands[-1].halves)
 
     @property
@@ -267,13 +267,13 @@ class FourierOverlap:
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner, metres, of the placements with any overlap; outside, it is zero."""
+        """Lower and upper corner of the placements with any overlap."""
         center = self._center_b - self._pivot
         return center - self._half_sides, center + self._half_sides
 
     @property
     def bound(self) -> float:
-        """Largest difference of :meth:`value` from the ideal overlap: the band limit and rounding."""
+        """Largest difference of :meth:`value` from the ideal overlap."""
         return float(self._levels[-1].terms.bounds[-1])
 
     @overload
@@ -293,11 +293,11 @@ class FourierOverlap:
         return sums[..., 0] if sums.ndim > 1 else float(sums[0])
 
     def gradient(self, t: ArrayLike) -> Floats:
-        """Compute the derivatives of :meth:`value`, shape (..., d), in metres, or square metres in space."""
+        """Compute the derivatives of :meth:`value`, shape (..., d)."""
         return self._sums(t, self._levels[-1].slopes)
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute :meth:`value`, shape (...), and :meth:`gradient`, shape (..., d), together, which is faster."""
+        """Compute :meth:`value` and :meth:`gradient` together, which is faster."""
         sums = self._sums(t, [self._levels[-1].sums, *self._levels[-1].slopes])
         return sums[..., 0], sums[..., 1:]
 
@@ -373,7 +373,7 @@ class FourierOverlap:
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
 
     def _sum_pairs(self, relative: Floats) -> Floats:
-        """Return the ideal overlaps, with bounds of their errors, at relative placements (n, d); shape (n, 2)."""
+        """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
         a, b = self._original, self._b
         arms, fixed = (a.centers - a.center) @ self._rotation.T, b.centers - self._center_b
         different = len(np.unique(a.radii)) * len(np.unique(b.radii))
@@ -405,7 +405,7 @@ class FourierOverlap:
         return halves
 
     def _make_trees(self, a: BallDescriptor, b: BallDescriptor) -> tuple[BallTree, BallTree]:
-        """Build trees of the balls of A and B, about the centers that placements join; A is not rotated."""
+        """Build trees of balls about the centers that placements join."""
         centers_a, centers_b = a.centers - self._original.center, b.centers - self._center_b
         return BallTree.of(centers_a, a.radii), BallTree.of(centers_b, b.radii)
 
@@ -422,12 +422,12 @@ class FourierOverlap:
         return ContactTest(outer_a, outer_b, inner_a, inner_b, _in_space(frame), slack, scratch)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without compiled functions, which are made again at first use."""
+        """Return the state without compiled functions."""
         return {name: value for name, value in self.__dict__.items() if name != "_test_one"}
 
     @cached_property
     def _test_one(self) -> Callable[..., int]:
-        """Contact test of one placement, as a compiled function of x, y and z."""
+        """Contact test of one placement (x, y, z), compiled."""
         return callback(self._contact_test, 3, nogil=False)
 
     @property
@@ -437,16 +437,16 @@ class FourierOverlap:
 
     @cached_property
     def _levels(self) -> list[_Level]:
-        """Terms of the overlap in each band, the smallest band first."""
+        """Terms of the overlap in each band, smallest first."""
         centers = self._original.centers @ self._rotation.T
         return [_Level(band, centers, self._pivot, self._placement_error) for band in self._bands]
 
     def _relative(self, placements: Floats) -> Floats:
-        """Return the placements of A's center relative to B's center; both (n, d), metres."""
+        """Return placements of A's center relative to B's center."""
         return np.asarray((placements + self._pivot) - self._center_b)
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
-        """Sum several lists of terms at placements (..., d), shape (..., sums); 0 outside the domain."""
+        """Sum lists of terms at placements, shape (..., sums)."""
         placements = check_points(t, "t", self.dim)
         relative = self._relative(placements.reshape(-1, self.dim))
         inside = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
@@ -525,7 +525,7 @@ class _Level:
 
     @cached_property
     def sums(self) -> Terms:
-        """Terms for values, without bounds of the frequencies outside the band."""
+        """Terms for values, with bounds of the band alone."""
         return Terms.of(self._spectrum, self.band.spectrum_b, self.band.rings, self._error, 0.0)
 
     @cached_property
@@ -562,7 +562,7 @@ class _Level:
 
 
 def _in_space(points: Floats) -> Floats:
-    """Return points (n, d) of the plane or space as points (n, 3)."""
+    """Return points of the plane or space, shape (n, 3)."""
     return np.ascontiguousarray(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))
 
 
@@ -605,7 +605,7 @@ class _CellValues:
         self._correlation = Correlation(band.a, band.b, lengths, self.overlap.counts, shape, band.accuracy)
 
     def write(self, matrix: Floats | None, out: Floats) -> None:
-        """Write the overlaps at a rotation of A to ``out``, shaped as the grid, where the balls can meet."""
+        """Write the overlaps at a rotation of A to ``out``."""
         overlap = self.overlap if matrix is None else self.overlap.rotated(matrix)
         (low, high), inside = overlap.domain, []
         for axis in range(overlap.dim):
@@ -704,7 +704,7 @@ class OverlapField:
         return overlaps
 
     def checker(self) -> Callable[..., float]:
-        """Return a fast, unchecked :meth:`at`; call it as ``check(*q)``, with finite floats."""
+        """Return a fast, unchecked :meth:`at` of floats: ``check(*q)``."""
         check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
         return check
 
@@ -725,7 +725,7 @@ def _shape(space: Space) -> tuple[int, ...]:
 
 @kernel
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
-    """Interpolate a field, shaped as the map's states, between the nearest 2^d cell centers."""
+    """Interpolate a field between the nearest 2^d cell centers."""
     dim = len(map_.lower)
     # The lower cell of the interpolation, and the position between it and the upper cell, from 0 to 1, along each axis.
     cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
@@ -760,7 +760,7 @@ class Field(NamedTuple):
 
 @kernel
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
-    """Write :func:`field_at` of points (n, size) to out (n,); return the first invalid index, or -1."""
+    """Write :func:`field_at` of points; return the first invalid index, or -1."""
     for k in range(len(points)):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):

@@ -58,7 +58,7 @@ class Placements(NamedTuple):
 
     @property
     def configurations(self) -> Floats:
-        """Placements as configurations of maps: (x, y, yaw), or x, y, z and a quaternion (x, y, z, w)."""
+        """Placements as configurations of maps, with a yaw or a quaternion."""
         from scipy.spatial.transform import Rotation
 
         if self.translations.shape[1] == 2:
@@ -171,7 +171,7 @@ class BallFields:
 
     @cached_property
     def _splines(self) -> list[Floats]:
-        """Spline coefficients of the field of each term; in the plane, the last axis has length one."""
+        """Spline coefficients of the field of each term, in 3 dimensions."""
         return [field.reshape(*field.shape, *[1] * (3 - self._dim)) for field in self._correlation.splines()]
 
     def evaluate(self, centers: Floats) -> Floats:
@@ -253,7 +253,7 @@ class BallPenetration:
 
 
 class _Poses(NamedTuple):
-    """Poses of A: scores (n,), positions of the centroid of its balls (n, d), and matrices (n, d, d)."""
+    """Poses of A: scores, centroids of its balls, and matrices."""
 
     scores: Floats
     centers: Floats
@@ -315,7 +315,7 @@ class _Score:
         self.gyration = math.sqrt(float(values.sum() + (body.radii**2).mean()))
 
     def peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
-        """Return the highest local maxima above a score, on a lattice of translations, at one rotation."""
+        """Return the highest local maxima on the lattice, above a score."""
         from scipy.ndimage import maximum_filter
 
         values = self.correlation.values(matrix)
@@ -359,7 +359,7 @@ class _Score:
         return poses
 
     def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
-        """Move poses by translations (n, d), or by translations and rotations about the centroid, (n, 3) or (n, 6)."""
+        """Move poses by translations and rotations about the centroid."""
         rotations, turns = poses.rotations, steps[:, self.dim :] / self.gyration
         if turns.shape[1] == 1:
             cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
@@ -371,7 +371,7 @@ class _Score:
         return poses._replace(centers=poses.centers + steps[:, : self.dim], rotations=rotations)
 
     def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
-        """Score poses, and compute the derivatives by the steps of :meth:`_moved`, shape (n, 2), (n, 3) or (n, 6)."""
+        """Score poses, and compute the derivatives by steps."""
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
         sums = self.fields.evaluate(poses.centers[:, None] + arms)
         scores, forces = sums[..., 0].sum(axis=1), sums[..., 1:]
@@ -383,7 +383,7 @@ class _Score:
         return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(parts, axis=1)
 
     def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
-        """Return the ideal scores of poses, sums over pairs of balls, and bounds of their errors, shape (n,)."""
+        """Return ideal scores of poses and bounds of their errors."""
         far = float(np.abs(poses.centers).max(initial=0.0))
         slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + far)
         moved = (self.arms @ matrix.T + center for center, matrix in zip(poses.centers, poses.rotations, strict=True))
@@ -427,7 +427,7 @@ def add_slopes(
 
 
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
-    """Update negated inverse Hessians (n, k, k) by steps (n, k) and the falls of slopes (n, k), by BFGS."""
+    """Update negated inverse Hessians by steps and falls of slopes."""
     products = (steps * changes).sum(axis=1)
     usable = products > 1e-10 * np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
     rho = np.where(usable, 1.0 / np.where(usable, products, 1.0), 0.0)[:, None, None]

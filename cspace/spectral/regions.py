@@ -90,7 +90,7 @@ class ShapeBoundary:
 
     @cached_property
     def measure(self) -> tuple[float, float]:
-        """Lower and upper bound of the area or volume; they differ if the bodies of a mesh may overlap."""
+        """Lower and upper bound of the area or volume."""
         if not self.shape.encloses:
             return 0.0, 0.0
         closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]
@@ -99,18 +99,18 @@ class ShapeBoundary:
         return _bound_volume(self.shape)
 
     def depths(self, points: Floats) -> Floats:
-        """Compute lower bounds of the depths of points (n, d) in the shape, metres, negative outside."""
+        """Compute lower bounds of the depths of points, negative outside."""
         near, far = self.distances(points)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
-        """Compute lower bounds of the distances of points (n, d) to the shape, metres, at most ``cap``; 0 inside."""
+        """Compute lower bounds of distances to the shape, at most ``cap``."""
         outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
         gaps[outside] = np.maximum(self.distances(points[outside], cap)[0] - self.error, 0.0)
         return gaps
 
     def distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
-        """Bound the distances of points (n, d) to the boundary, at most ``cap``, with errors up to :attr:`error`."""
+        """Compute bounds of distances to the boundary, at most ``cap``."""
         spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
         near, far = np.empty(len(points)), np.empty(len(points))
 
@@ -165,7 +165,7 @@ class Region:
 
     @property
     def box_volume(self) -> float:
-        """Volume of the bounding box, whose sides count as at least a thousandth of its diagonal."""
+        """Volume of the bounding box, thickened to 0.001 diagonals."""
         return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
 
     def make_grid(self, spacing: float) -> Grid:
@@ -204,7 +204,7 @@ class Lattice:
 
     @cached_property
     def depths(self) -> Floats:
-        """Lower bounds of the depths at the cell centers, in sides, shape (n,)."""
+        """Lower bounds of the depths at the cell centers, in sides."""
         return self.depths_at(self.cell_centers)
 
     @classmethod
@@ -224,7 +224,7 @@ class Lattice:
 
     @classmethod
     def for_count(cls, region: Region, number: int, finer: int = 1) -> Lattice:
-        """Create a lattice that resolves ``number`` balls, with ``finer`` times as many cells as usual."""
+        """Create a lattice that resolves ``number`` balls."""
         dim = region.dim
         box_cells = min(finer * max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
         enough_cells = finer * max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
@@ -241,7 +241,7 @@ class Lattice:
         return np.asarray((self.corner + self.side * points)[:, 3 - self.region.dim :])
 
     def depths_at(self, points: Floats) -> Floats:
-        """Return the depths of the region, in sides, at lattice coordinates (n, 3)."""
+        """Return the depths of the region, in sides."""
         return self.region.depths(self.to_metres(points)) / self.side
 
 
@@ -265,7 +265,7 @@ class PieceTree(NamedTuple):
 
 @jit  # a kernel could not allocate arrays
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
-    """Return bounds, at most ``cap``, of the distance from a point, shape (3,), to the nearest piece, metres."""
+    """Return bounds of the distance to the nearest piece, at most ``cap``."""
     position, near, far = row_at(point, 0), cap, cap
     pending, gaps = np.empty(MAX_PENDING_NODES, dtype=np.int64), np.empty(MAX_PENDING_NODES)
     pending[0], gaps[0], count = 0, 0.0, 1
@@ -313,7 +313,7 @@ def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, f
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Return bounds of the area or volume of the union of balls, centers (n, d) and radii (n,), metres."""
+    """Return bounds of the area or volume of balls' union."""
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))
     import shapely

@@ -199,7 +199,7 @@ def radial_terms(
 
 
 def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float) -> Iterator[Term]:
-    """Yield one term for each radius; ``moduli``, ascending, are in cycles per metre."""
+    """Yield one term for each radius."""
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     order = np.argsort(radii, kind="stable")
     different, starts = np.unique(radii[order], return_index=True)
@@ -366,12 +366,12 @@ def _fold(spectrum: Complexes, axis: int, positive: int, size: int) -> Complexes
 
 
 def _first_half(spectrum: NDArray[Any]) -> NDArray[Any]:
-    """Select the frequencies of a spectrum whose last one is not negative."""
+    """Select the frequencies whose last one is not negative."""
     return spectrum[..., : spectrum.shape[-1] // 2 + 1]
 
 
 def _opposite(spectrum: Complexes) -> Complexes:
-    """Return a spectrum in the order of numpy.fft with each frequency moved to its opposite."""
+    """Move each frequency of a spectrum to its opposite."""
     return np.roll(np.flip(spectrum), 1, axis=tuple(range(spectrum.ndim)))
 
 
@@ -392,7 +392,7 @@ class _LatticeSum:
         self._summed_points: NDArray[np.intp] | None = None
 
     def spectrum(self, terms: Iterable[Term]) -> Complexes:
-        """Return half of the spectrum: terms of few points are summed, the others transformed in pairs."""
+        """Return half of the spectrum."""
         waiting: Term | None = None
         for term in terms:
             if len(term.members) <= MAX_SUMMED_BALLS[self._which.ndim]:
@@ -435,7 +435,7 @@ class _LatticeSum:
         self._transforms = waves if self._transforms is None else self._transforms + waves
 
     def _sum_waves(self, term: Term) -> Complexes:
-        """Sum ``strength exp(-2 pi i k.share)`` over the points of a term, as products of one factor per axis."""
+        """Sum ``strength exp(-2 pi i k.share)`` over the points of a term."""
         if term.members is not self._summed_points:  # terms of a basis share their points
             self._summed_points = term.members
             indices = [_frequency_indices(count) for count in self._which.shape]
@@ -459,7 +459,7 @@ def _frequency_indices(count: int) -> NDArray[np.intp]:
 
 
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
-    """Return the periods, shape (dim,), of one for each axis or one for all; raises InputError for anything else."""
+    """Return the periods, shape (dim,), or raise InputError."""
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
         rule = f"it must be one number above zero or {dim} of them, in metres"
@@ -545,7 +545,7 @@ class Rings(NamedTuple):
 
     @classmethod
     def of(cls, lengths: Floats, halves: tuple[int, ...]) -> Rings:
-        """Build the rings, each as wide as one cycle in the longest period."""
+        """Build rings, each one cycle wide in the longest period."""
         axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
         half = box[len(box) // 2 :]
@@ -574,17 +574,17 @@ class Rings(NamedTuple):
         return np.asarray(np.add.reduceat(values, self.starts[:-1]))
 
     def to_rings(self, box: Complexes) -> Complexes:
-        """Convert a spectrum from the order of numpy.fft to ring order."""
+        """Convert a spectrum from numpy's order to ring order."""
         return box.reshape(-1)[self._flat_indices(1)]
 
     def to_box(self, half: Complexes) -> Complexes:
-        """Convert half of the spectrum of a real function, in ring order, to the order of numpy.fft."""
+        """Convert half a spectrum in ring order to numpy's order."""
         flat = np.empty(math.prod(self.counts), dtype=np.complex128)
         flat[self._flat_indices(-1)], flat[self._flat_indices(1)] = half.conj(), half
         return flat.reshape(self.counts)
 
     def _flat_indices(self, sign: int) -> Ints:
-        """Return the flat index, in the order of numpy.fft, of each frequency; of its opposite for ``sign`` -1."""
+        """Return flat indices in numpy's order, or those of opposite frequencies."""
         columns = sign * self.indices.T.astype(np.int64)
         return np.asarray(np.ravel_multi_index(tuple(columns), self.counts, mode="wrap"))
 
@@ -600,7 +600,7 @@ class Spectrum(NamedTuple):
 
     @classmethod
     def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
-        """Compute the spectrum of balls about a point, shape (d,), to an accuracy relative to its largest value."""
+        """Compute the spectrum of balls about a point."""
         box = ball_spectrum(balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
         moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
         error = balls.integral * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
@@ -716,7 +716,7 @@ def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexe
 
 @jit  # a kernel could not allocate arrays
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-    """Apply :func:`separate` to placements (n, d): verdicts (n,), counts (n,), and sums with their bounds (n, 2)."""
+    """Return verdicts, counts, and sums with bounds of :func:`separate`."""
     number = len(placements)
     verdicts, counts, sums = np.empty(number, np.uint8), np.empty(number, np.int64), np.empty((number, 2))
     phases = np.empty((placements.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
@@ -726,7 +726,7 @@ def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[By
 
 
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:
-    """Integrate the square of a descriptor, over pairs of balls; returns the integral and a bound of its error."""
+    """Return the integral of a descriptor's square and its error."""
     # Each ball with itself once, and each pair of different balls twice.
     square = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
     value = float(square[0] * (balls.radii**balls.dim).sum())
@@ -792,7 +792,7 @@ def tabulated_integrals(
 
 
 def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
-    """Yield the pairs of touching balls, in batches of two index arrays, the larger ball first."""
+    """Yield batches of pairs of touching balls, larger ones first."""
     from scipy.spatial import cKDTree
 
     centers, radii = balls.centers, balls.radii
@@ -810,7 +810,7 @@ def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
 
 @lru_cache(maxsize=4096)
 def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> tuple[np.polynomial.Chebyshev, float]:
-    """Return the integrals of pairs of two radii, metres, as a function on [-1, 1], and their error."""
+    """Return integrals as a function of [-1, 1], and their error."""
     nodes = chebyshev_nodes(PAIR_TABLE_NODES)
     between = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
     gaps = 0.5 * (first + second) * (1.0 + np.concatenate([nodes, between]))

@@ -35,7 +35,7 @@ class BallTree(NamedTuple):
 
     @classmethod
     def of(cls, centers: Floats, radii: Floats) -> BallTree:
-        """Build the tree of balls, centers (n, d) and radii (n,) in metres; without balls, it is empty."""
+        """Build the tree of balls; without balls, it is empty."""
         if not len(centers):
             return cls(np.empty((0, 4)), *np.empty((2, 0), dtype=np.int64))
         from scipy.spatial import cKDTree
@@ -142,7 +142,7 @@ class ContactTest(NamedTuple):
         return test_placement(self, q[0], q[1], q[2], self.pending)
 
     def test(self, placements: Floats) -> Bytes:
-        """Return MISS, HIT or UNDECIDED, shape (n,), for placements of a, shape (n, 3), metres, in threads."""
+        """Return the verdicts of placements, shape (n, 3), in threads."""
         out = np.empty(len(placements), dtype=np.uint8)
 
         def work(start: int, stop: int) -> int:
@@ -163,7 +163,7 @@ def test_each(test: ContactTest, placements: Floats, pending: Ints, out: Bytes) 
 
 @kernel
 def test_placement(test: ContactTest, x: float, y: float, z: float, pending: Ints) -> int:
-    """Return MISS, HIT or UNDECIDED for a placement of a: the outer trees first, then the inner ones."""
+    """Test a placement of a: the outer trees, then the inner ones."""
     a, b, half = test.frame
     x, y, z = (x + a[0]) - b[0], (y + a[1]) - b[1], (z + a[2]) - b[2]
     if not (abs(x) <= half[0] and abs(y) <= half[1] and abs(z) <= half[2]):
