@@ -405,9 +405,9 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     Raises
     ------
     FileError
-        If the file is missing or malformed, has no goal or an unknown field, or constrains paths, visibility, or joints
-        and poses in one goal; if objects are attached, which belong to the scene; or if a region of positions is a cone
-        or a mesh.
+        If the file is missing or malformed, has no goal or an unknown field, changes the scene in ``planning_options``,
+        or constrains paths, visibility, or joints and poses in one goal; if objects are attached, which belong to the
+        scene; or if a region of positions is a cone or a mesh.
 
     Examples
     --------
@@ -424,6 +424,10 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     content = read_yaml(path, _REQUEST_KIND)
     with decoding(path, _REQUEST_KIND):
         message = check_table(content, "the file")
+        options = check_table(message.get("planning_options"), "planning_options")
+        if changed := _list_changes(options.get("planning_scene_diff")):
+            problem = f"has {', '.join(changed)} in planning_options.planning_scene_diff"
+            raise ContentError(problem, "a scene is read from its own file", "write them into the scene")
         for name in ("request", "motion_plan_request"):
             message = message.get(name, message)
         table = check_table(message, "the request", _REQUEST_FIELDS)
@@ -466,6 +470,24 @@ def _holds_entries(value: Any) -> bool:
     if isinstance(value, Mapping):
         return any(_holds_entries(each) for name, each in value.items() if name != "name")
     return bool(value)
+
+
+def _list_changes(diff: Any) -> list[str]:
+    """Return the parts of a scene that a message changes."""
+    table, place = check_table(diff, "planning_scene_diff"), "planning_scene_diff"
+    world = check_table(table.get("world"), f"world of {place}")
+    state = check_table(table.get("robot_state"), f"robot_state of {place}")
+    matrix = check_table(table.get("allowed_collision_matrix"), f"allowed_collision_matrix of {place}")
+    octomap = check_table(check_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
+    parts = {
+        "collision_objects": world.get("collision_objects"),
+        "an OctoMap": octomap.get("data"),
+        "attached_collision_objects": state.get("attached_collision_objects"),
+        "joint_state": check_table(state.get("joint_state"), f"joint_state of {place}").get("name"),
+        "allowed_collision_matrix": matrix.get("entry_names") or matrix.get("default_entry_names"),
+        **{name: table.get(name) for name in ("link_padding", "link_scale", "fixed_frame_transforms")},
+    }
+    return [name for name, value in parts.items() if value]
 
 
 def _parse_goal(item: Any, place: str, frames: dict[str, None]) -> Sequence[JointGoal | PoseGoal]:

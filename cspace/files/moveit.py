@@ -257,6 +257,7 @@ def parse_robot_state(value: Any, place: str) -> RobotValues:
     joints = check_table(
         state.get("joint_state"), f"joint_state of {place}", ("header", "name", "position", "velocity", "effort")
     )
+    parse_frame(joints, f"joint_state of {place}")
     names = parse_names(joints.get("name"), f"the joints of {place}")
     given = check_list(joints.get("position"), f"the positions of {place}")
     if len(given) != len(names):
@@ -314,7 +315,9 @@ def parse_contacts(value: Any) -> Contacts | None:
 
 def _parse_row(value: Any, names: Sequence[str], place: str) -> list[bool]:
     """Parse a row of a matrix: a list of booleans, or ROS's table of them."""
-    row = check_list(value.get("enabled") if isinstance(value, dict) else value, f"a row of {place}")
+    if isinstance(value, dict):
+        value = check_table(value, f"a row of {place}", ("enabled",)).get("enabled")
+    row = check_list(value, f"a row of {place}")
     if len(row) != len(names) or not all(isinstance(each, bool) for each in row):
         problem, rule = f"has {str(list(row))[:60]} as a row of {place}", f"it must be {len(names)} of true and false"
         raise ContentError(problem, rule, "correct it")

@@ -340,6 +340,9 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
             raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
         octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
         tree = check_table(octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data"))
+        parse_pose(octomap.get("origin"), "origin of octomap")
+        for entry in (octomap, tree):
+            parse_frame(entry, "octomap")
         if tree.get("data"):
             hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
             raise ContentError("holds an OctoMap", "only collision objects are read", hint)
@@ -481,6 +484,8 @@ class _Reader:
         if len(subframes) != len(poses):
             problem = f"has {len(subframes)} subframe_names but {len(poses)} subframe_poses at {place}"
             raise ContentError(problem, "each needs a pose", "add or remove some")
+        for number, each in enumerate(poses):
+            parse_pose(each, f"subframe_poses[{number}] of {place}")
         self.frames |= {name: name} | {f"{name}/{subframe}": name for subframe in subframes}
         parts = list(self._read_shapes(entry, place))
         if not parts:
@@ -534,8 +539,11 @@ class _Reader:
             vertices, faces = transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
         else:
             points = check_list(table.get("vertices"), f"vertices of {place}")
+            fields = ("vertex_indices",)
             corners = [
-                check_list(check_table(each, place).get("vertex_indices") if isinstance(each, dict) else each, place)
+                check_list(
+                    check_table(each, place, fields).get("vertex_indices") if isinstance(each, dict) else each, place
+                )
                 for each in check_list(table.get("triangles"), f"triangles of {place}")
             ]
             vertices = np.array([parse_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)

@@ -3,6 +3,7 @@
 import json
 import math
 import xml.etree.ElementTree as ET
+from functools import reduce
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -501,6 +502,77 @@ def test_what_cannot_be_kept_of_a_scene_is_refused(tmp_path: Path, more: dict[st
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
+def list_tables(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """List the paths to all tables of a message."""
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    return [
+        *[path] * isinstance(node, dict),
+        *(each for key, value in items for each in list_tables(value, (*path, key))),
+    ]
+
+
+def test_unknown_fields_of_any_table_are_refused(tmp_path: Path) -> None:
+    """Those of colors, of the type of an object, and of what moves it after it is detached, have no meaning here."""
+    at = {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    head = {"header": {"seq": 0, "stamp": 0, "frame_id": "map"}}
+    motion = {"translation": at["position"], "rotation": at["orientation"]}
+    corners = [{"x": x, "y": y, "z": z} for x, y, z in ((0, 0, 0), (1, 0, 0), (0, 1, 0))]
+    every = {
+        "id": "all",
+        **head,
+        "pose": at,
+        "primitives": [{"type": 1, "dimensions": [1, 1, 1], "polygon": {"points": []}}],
+        "primitive_poses": [at],
+        "meshes": [{"triangles": [{"vertex_indices": [0, 1, 2]}], "vertices": corners}],
+        "mesh_poses": [at],
+        "planes": [{"coef": [0, 0, 1, 0]}],
+        "plane_poses": [at],
+        "subframe_names": ["top"],
+        "subframe_poses": [at],
+        "operation": 0,
+    }
+    mug = make_object("mug", **head)
+    message: dict[str, Any] = {
+        "name": "",
+        "robot_model_name": "small",
+        "is_diff": False,
+        "world": {
+            "collision_objects": [every],
+            "octomap": {
+                **head,
+                "origin": at,
+                "octomap": {**head, "binary": True, "id": "", "resolution": 0, "data": []},
+            },
+        },
+        "robot_state": {
+            "joint_state": {**head, "name": [], "position": [], "velocity": [], "effort": []},
+            "multi_dof_joint_state": {**head, "joint_names": ["a"], "transforms": [motion], "twist": [], "wrench": []},
+            "attached_collision_objects": [{"link_name": "tool", "object": mug, "touch_links": ["fore"], "weight": 1}],
+            "is_diff": False,
+        },
+        "fixed_frame_transforms": [{**head, "child_frame_id": "map", "transform": motion}],
+        "allowed_collision_matrix": {
+            "entry_names": ["a"],
+            "entry_values": [{"enabled": [True]}],
+            "default_entry_names": ["a"],
+            "default_entry_values": [False],
+        },
+        "link_padding": [{"link_name": "tool", "padding": 0.1}],
+        "link_scale": [{"link_name": "tool", "scale": 1.0}],
+    }
+    path = tmp_path / "scene.yaml"
+    path.write_text(json.dumps(message))
+    read_moveit_scene(path, plane_radius=1.0)
+    tables = list_tables(message)
+    assert len(tables) > 50
+    for place in tables:
+        changed = json.loads(json.dumps(message))
+        reduce(lambda node, key: node[key], place, changed)["zebra"] = 1
+        path.write_text(json.dumps(changed))
+        with pytest.raises(FileError, match=r"zebra|finite numbers"):
+            read_moveit_scene(path, plane_radius=1.0)
+
+
 # ---- requests ----------------------------------------------------------------------------------------------------
 
 
@@ -720,6 +792,16 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
         "has trajectory_constraints; plans would not obey them",
     ),
     ([joint_goal(elbow=1)], {"goal": 1}, "has the unknown field 'goal' at the request"),
+    *(
+        ([], {"request": {}, "planning_options": {"planning_scene_diff": diff}}, f"has {name} in planning_options.plan")
+        for name, diff in (
+            ("collision_objects", {"world": {"collision_objects": [{}]}}),
+            ("an OctoMap", {"world": {"octomap": {"octomap": {"data": [1]}}}}),
+            ("attached_collision_objects, joint_state", {"robot_state": carry("a", {}) | joint_state({"a": 1})}),
+            ("allowed_collision_matrix", {"allowed_collision_matrix": {"entry_names": ["a"]}}),
+            ("link_padding, link_scale", {"link_padding": [{}], "link_scale": [{}]}),
+        )
+    ),
     ([joint_goal(elbow=1)], {"group_name": [1]}, r"has \[1\] as group_name"),
     ([joint_goal(elbow=1)], {"allowed_planning_time": "a"}, "has a as allowed_planning_time"),
     (
