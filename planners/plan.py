@@ -57,6 +57,9 @@ GRID_TIME_SHARE: Final = 0.5
 FIRST_SLOT_SHARE: Final = 0.1
 """Share of the time limit, at most 1 s, that OMPL's planner has before passages are searched; most are wide enough."""
 
+MAX_SKIPPED_WAYPOINTS: Final = 32
+"""Number of next waypoints that an edge of a path through tiles may lead to."""
+
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan without a search, because every path would follow such a chain."""
 
@@ -417,8 +420,23 @@ def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exi
         return SearchResult(path)
     began = clock()
     if task.search.simplify and task.search.objective is None and edges.drive == HOLONOMIC:
-        path = edges.shorten(path, began + task.time_limit)
+        path = _skip_waypoints(edges.space, path)
     return SearchResult(path, f"through {len(subproblems)} tiles", planning, simplification + clock() - began, True)
+
+
+def _skip_waypoints(space: ConfigurationSpace, path: Floats) -> Floats:
+    """Skip waypoints of a path, shape (n, size), by free edges.
+
+    From each waypoint, the edge to the farthest of the next ones is taken. They are proven in one batch, because a
+    single look-up in tiles takes as long.
+    """
+    kept = [0]
+    while kept[-1] < len(path) - 1:
+        after = np.arange(kept[-1] + 1, min(kept[-1] + 1 + MAX_SKIPPED_WAYPOINTS, len(path)))
+        free = np.asarray(space.motion_is_free(path[kept[-1]], path[after]))
+        free[0] = True  # the edge of the path itself
+        kept.append(int(after[np.flatnonzero(free)[-1]]))
+    return path[kept]
 
 
 def _search(
