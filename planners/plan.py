@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arrays import Floats
 from cspace.check import check_count, check_flag, check_positive
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace, TileSubproblem
