@@ -140,7 +140,7 @@ class InnerBalls(NamedTuple):
 
 
 class PendingBlocks(NamedTuple):
-    """Stack of blocks of cells, or of parts of a cell, whose states are unknown.
+    """Stack of blocks of cells whose states are unknown.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ def prove_block(
     may_be_blocked: bool,
     scratch: SceneScratch,
 ) -> tuple[int, int]:
-    """Return the state of a pending block as a whole; MIXED if nothing is proven.
+    """Return the state of a pending block; MIXED if unproven.
 
     Also returns a pair that proves BLOCKED, or that is open. Pairs proven apart are dropped from the block's list.
     """
@@ -261,7 +261,7 @@ def corner_state(
     corner: int,
     scratch: SceneScratch,
 ) -> tuple[int, int]:
-    """Return the state of a corner of a pending block, from 0 to 7, or of its center, -1.
+    """Return the state of a block's corner, 0 to 7, or center, -1.
 
     Also returns a pair as :func:`prove_block`. The next row is overwritten.
     """
@@ -325,7 +325,7 @@ def refine_cell(
 
 @kernel
 def write_block(out: CellStates, cells: JointCells, block: Ints, state: int, pair: int) -> None:
-    """Set the states of all cells of a block, and the pair that decides."""
+    """Set a block's states and the pair that decides."""
     parts = cells.parts
     for i in range(block[0] // parts, block[3] // parts):
         for j in range(block[1] // parts, block[4] // parts):
@@ -390,7 +390,7 @@ def open_pairs(scene: Scene, pending: PendingBlocks, row: int, target: int, scra
 
 @kernel
 def box_axes(chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch) -> int:
-    """Write the joints that move body a, as seen from body b, in a box of joint values.
+    """Write the joints that move body a relative to body b.
 
     Returns their number. The rows of ``scratch.axes`` are those of :func:`cspace.arms.hulls.joint_displacement`, in the
     frame of b. They include the rounding of points, ``required``.
@@ -419,7 +419,7 @@ def box_axes(chain: Chain, a: int, b: int, halves: Floats, required: float, scra
 def blocked_pair(
     inside: InnerScene, pending: PendingBlocks, row: int, with_balls: bool, with_crossings: bool, scratch: SceneScratch
 ) -> int:
-    """Return an open pair of a pending block that provably collides in the whole current box, or -1.
+    """Return an open pair proven BLOCKED in the current box, or -1.
 
     The poses must be those of the center of the box. The kinds of proofs that are tried are chosen.
     """
@@ -514,7 +514,7 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 @kernel
 def lies_deep(solids: Solids, trees: SurfaceTrees, surface: int, point: Row, min_depth: float, nodes: Ints) -> bool:
-    """Return True if a point provably lies deeper than ``min_depth`` in a closed surface.
+    """Return True if a point is deeper than ``min_depth`` in a surface.
 
     A negative ``min_depth`` allows a point outside, nearer to the surface than that. ``nodes`` is scratch, shape
     (MAX_PENDING_PAIRS, 2).
@@ -561,7 +561,7 @@ def winding_number(solids: Solids, trees: SurfaceTrees, surface: int, point: Row
 def nearest_triangle(
     solids: Solids, trees: SurfaceTrees, surface: int, point: Row, enough: float, nodes: Ints
 ) -> float:
-    """Return the distance of a point from the nearest triangle of a closed surface.
+    """Return a point's distance from the nearest triangle of a surface.
 
     If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be returned.
     """
@@ -588,7 +588,7 @@ def nearest_triangle(
 
 @kernel
 def surface_depths(solids: Solids, trees: SurfaceTrees, surface: int, points: Floats, out: Floats, nodes: Ints) -> None:
-    """Compute the depths of points, shape (n, 3), in a surface; outside they are negative."""
+    """Compute depths of points, shape (n, 3); negative outside the surface."""
     for n in range(len(points)):
         point = row_at(points[n], 0)
         depth = nearest_triangle(solids, trees, surface, point, np.inf, nodes)

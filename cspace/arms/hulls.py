@@ -130,7 +130,7 @@ class RelativeMotion(NamedTuple):
 
 
 def build_hulls(tree: Trees, volume: float) -> Hulls:
-    """Build the tree of a part from that of its triangles, with the same nodes.
+    """Build a part's tree with the nodes of its triangles' tree.
 
     ``volume`` is the volume that the triangles enclose.
     """

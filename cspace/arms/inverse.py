@@ -81,7 +81,7 @@ MAX_STEPS: Final = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseGoal:
-    """A pose that a frame of an arm must reach, as a goal of :func:`planners.plan`.
+    """A pose for an arm's frame, as a goal of :func:`planners.plan`.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
 
 
 class Branch(NamedTuple):
-    """The bodies between the base and a body, as a chain of their own.
+    """The chain of bodies from the base to one body.
 
     Attributes
     ----------
@@ -226,14 +226,14 @@ class PoseSolutions(NamedTuple):
 
 @kernel
 def measure_pose(problem: PoseProblem, q: Floats, scratch: PoseScratch, error: Floats) -> tuple[float, float, float]:
-    """Write the weighted error of the frame's pose at a configuration; see :func:`compare_pose`."""
+    """Write the weighted error of the pose; see :func:`compare_pose`."""
     forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
     return compare_pose(problem, scratch, error)
 
 
 @kernel
 def compare_pose(problem: PoseProblem, scratch: PoseScratch, error: Floats) -> tuple[float, float, float]:
-    """Write the weighted error of the frame's pose, from the poses of the bodies.
+    """Write the weighted error of the frame's pose from body poses.
 
     Returns its distance in metres, its angle in radians, and the squared error.
     """
@@ -267,7 +267,7 @@ def compare_pose(problem: PoseProblem, scratch: PoseScratch, error: Floats) -> t
 
 @kernel
 def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
-    """Write the derivative of the weighted error, from the poses that :func:`measure_pose` left."""
+    """Write the weighted error's derivative at the poses of :func:`measure_pose`."""
     chain, jacobian, weights = problem.chain, scratch.jacobian, problem.weights
     for i in range(6):
         for k in range(jacobian.shape[1]):
@@ -330,7 +330,7 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
 
 @kernel
 def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[float, float, float]:
-    """Move a configuration to a pose, or to a local minimum of the error.
+    """Move a configuration to a pose or a local minimum.
 
     Returns distance, angle and squared error.
     """
@@ -364,7 +364,7 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
 
 @kernel
 def descend_from(problem: PoseProblem, starts: Floats, scratch: PoseScratch, errors: Floats, wanted: int) -> int:
-    """Move starts, shape (n, k), to a pose until ``wanted`` of them reach it.
+    """Move starts, shape (n, k), until ``wanted`` reach the pose.
 
     ``errors``, shape (n, 3), gets their distances, angles and squared errors. Returns the number of starts used.
     """
@@ -401,7 +401,7 @@ def branch_to(chain: Chain, body: int) -> Branch:
 def make_pose_problem(
     branch: Branch, tool: Floats, target: Floats, tolerance: Floats, limits: tuple[Floats, Floats]
 ) -> PoseProblem:
-    """Return the problem to bring a frame to a pose; see :class:`PoseProblem` for the arguments."""
+    """Return a :class:`PoseProblem`, which explains the arguments."""
     chain = branch.chain
     reach = float(np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3]))
     return PoseProblem(
@@ -441,7 +441,7 @@ def solve_pose(
     max_solutions: int,
     rng: np.random.Generator,
 ) -> PoseSolutions:
-    """Find configurations of a branch that bring a frame to a pose, from several starts.
+    """Find configurations that bring a frame to a pose.
 
     The first start is ``near``, shape (k,); the others are uniform within ``ranges``. Solutions are moved towards
     ``near`` by whole turns of the joints in ``whole_turns``.
@@ -484,7 +484,7 @@ def _add_distinct(solutions: Floats, found: Floats) -> Floats:
 
 
 def _turn_towards(near: Floats, others: Floats, limits: tuple[Floats, Floats], whole_turns: Bools) -> Floats:
-    """Move configurations, shape (n, k), towards another one by whole turns within the limits."""
+    """Move configurations, shape (n, k), by whole turns towards another."""
     fewest, most = np.ceil((limits[0] - others) / TWO_PI), np.floor((limits[1] - others) / TWO_PI)
     turns = np.clip(np.rint((near - others) / TWO_PI), fewest, most)
     return np.asarray((others + np.where(whole_turns, TWO_PI * turns, 0.0)).clip(*limits))

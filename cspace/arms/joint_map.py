@@ -444,7 +444,7 @@ def _pick_balls(points: Floats, depth: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class JointGeometry:
-    """An arm among obstacles, of which some joints vary: makes the proofs of a map.
+    """Proofs of a map of an arm's joints among obstacles.
 
     Attributes
     ----------
@@ -476,7 +476,7 @@ class JointGeometry:
         return JointProofs(self, problem)
 
     def configurations(self, q: Floats) -> Floats:
-        """Return configurations of the arm, shape (n, arm.dof), from those of the map, shape (n, d)."""
+        """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
         rows = np.tile(self.held, (len(q), 1))
         rows[:, self.joint_indices] = q
         return rows

@@ -77,7 +77,7 @@ REACHED, FULL, OUT_OF_REACH, JUMP, COLLISION = range(5)
 
 
 class Line(NamedTuple):
-    """A straight line from a pose to the next one, with parameters from 0 to 1.
+    """A straight line between poses, with parameters from 0 to 1.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class LineRows(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LineMotion:
-    """A motion of an arm that brings a frame along straight lines, and its proofs.
+    """A motion that brings a frame along straight lines.
 
     :meth:`cspace.ArmSpace.follow_line` makes it. Between two waypoints all joints move in step. All motions between the
     waypoints are proven free, and proven to stay near the line as ``deviation`` and ``angle`` say. If the motion stops
@@ -240,7 +240,7 @@ def check_corners(poses: ArrayLike) -> Floats:
 
 
 def make_lines(corners: Floats) -> list[Line]:
-    """Return the lines between the start and given poses, shape (m + 1, 4, 4).
+    """Return the lines between poses, shape (m + 1, 4, 4).
 
     Raises
     ------
@@ -373,7 +373,7 @@ def _explain_stop(snapshot: Snapshot, branch: Branch, outcome: int, last: Floats
 
 @kernel
 def write_target(line: Line, parameter: float, target: Floats) -> None:
-    """Write the pose at a parameter of a line into ``target``, shape (4, 4)."""
+    """Write a line's pose at a parameter into ``target``."""
     value = parameter * line.angle
     sine, versine = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2
     axis = row_at(line.axis, 0)
@@ -397,7 +397,7 @@ def norm(u: Row) -> float:
 def bound_deviation(
     problem: LineProblem, start: float, stop: float, parts: int, scratch: LineScratch
 ) -> tuple[float, float, float, float]:
-    """Bound how far a frame leaves a line on a motion of its branch.
+    """Bound a frame's deviation from a line on a motion.
 
     The motion leads from ``scratch.first`` to ``scratch.last``, the parameter from ``start`` to ``stop``. Returns the
     proven bounds of deviation and angle, and the largest deviation and angle halfway through the parts.
@@ -446,7 +446,7 @@ def is_shortest(step: float) -> bool:
 def try_step(
     problem: LineProblem, rows: LineRows, n: int, stop: float, scratch: LineScratch
 ) -> tuple[int, float, float, float]:
-    """Try to move the frame from row n - 1 to parameter ``stop``, in ``scratch.last``.
+    """Try to move the frame from row n - 1 to ``stop``.
 
     Returns REACHED or why it fails, the largest deviation or angle that was seen as a share of the tolerance, and the
     proven bounds of both.

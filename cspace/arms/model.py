@@ -51,7 +51,7 @@ _FIRST_SAMPLES: Final = 4
 
 
 class JointValues(dict[str, float]):
-    """Values of all joints of a robot by name, radians or metres, such as a robot's state in a file.
+    """Values of a robot's joints by name, radians or metres.
 
     :meth:`cspace.Arm.configuration` takes those of joints that move, and ``Arm.from_urdf(held_joints=)`` those of
     others. Both skip joints that mimic others, and refuse unknown joints.
@@ -59,7 +59,7 @@ class JointValues(dict[str, float]):
 
 
 class Frame(NamedTuple):
-    """A frame that moves with a body: that of a link or an attached object.
+    """The frame of a link or an attached object.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ class Arm:
         solid: SolidMode = "auto",
         package_dirs: PackageDirs = (),
     ) -> Arm:
-        """Read an arm from a URDF file, with the collision geometry of its links.
+        """Read an arm from a URDF file with collision geometry.
 
         Revolute, continuous and prismatic joints move, together with the joints that mimic them. Fixed joints merge
         their links into one body.
@@ -247,7 +247,7 @@ class Arm:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of all frames: those of links, also without geometry, and of attached objects."""
+        """Names of the frames of links and attached objects."""
         return tuple(self._frames)
 
     def pose(self, q: ArrayLike, frame: str) -> Floats:
@@ -340,7 +340,7 @@ class Arm:
     def _solve_pose(
         self, goal: PoseGoal, name: str, near: ArrayLike | None = None, max_solutions: int = 16, seed: int = 0
     ) -> Floats:
-        """Return configurations for a pose as :meth:`inverse`; ``name`` is the argument that gave it."""
+        """Return :meth:`inverse` of a pose from the argument ``name``."""
         branch, tool = self._branch_to(goal.frame)
         q = self._rest if near is None else self._check_configurations(near, "near")
         if q.ndim != 1:
@@ -369,7 +369,7 @@ class Arm:
         return solutions[np.argsort(np.linalg.norm(solutions - q, axis=1), kind="stable")]
 
     def _branch_to(self, frame: str) -> tuple[Branch, Floats]:
-        """Return the branch that moves a frame, and the pose of the frame in that of its last body."""
+        """Return a frame's branch, and its pose on the last body."""
         body, tool = self._frames[self._check_frame(frame, "frame")]
         if body == 0:
             rule = "no joint of the arm moves it"
@@ -385,7 +385,7 @@ class Arm:
 
     @property
     def _whole_turns(self) -> Bools:
-        """Whether a whole turn of each joint changes nothing but its number, shape (dof,).
+        """Whether whole turns of each joint, shape (dof,), change no pose.
 
         A joint that moves another joint by a fraction of its own angle is none of these.
         """
@@ -565,7 +565,7 @@ class Arm:
 
     @cached_property
     def _contact_samples(self) -> Floats:
-        """The random configurations from which a pair counts as touching never or always."""
+        """Random configurations to find pairs that never or always touch."""
         return draw_configurations(self._ranges(), CONTACT_SAMPLES)
 
     def _names(self, pair: tuple[int, int]) -> Names:
@@ -582,7 +582,7 @@ class Arm:
         return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
 
     def _check_frame(self, name: object, argument: str) -> str:
-        """Return the name of a frame; raise InputError if there is none of that name."""
+        """Return a frame's name; raise InputError if it is unknown."""
         return check_known(name, argument, self._frames)
 
     def _check_limits(self, q: Floats, name: str) -> None:
@@ -622,7 +622,7 @@ class Arm:
 
 
 def measure_arm_reach(arm: Arm) -> float:
-    """Return a distance from the origin of the base that no link exceeds, metres."""
+    """Bound the distance of links from the base's origin, metres."""
     reaches = [0.0]
     for link in arm.links:
         for part in link.parts:
@@ -777,11 +777,11 @@ class _Assembly:
             raise InputError(file, problem, rule, "name another base, tip or joints")
 
     def _is_moved(self, joint: Joint) -> bool:
-        """Return True if configurations move a joint: it or its leader moves, and not by a factor of zero."""
+        """Return True if the arm's configuration moves a joint."""
         return joint.kind != FIXED and joint.leader in self._moving and joint.factor != 0.0
 
     def hold(self, values: Mapping[str, float]) -> None:
-        """Hold joints that do not move at values; raise InputError if one moves, or beyond its limits."""
+        """Hold joints that do not move at values within limits."""
         names = [
             joint.name
             for joint in self._order

@@ -104,7 +104,7 @@ class PlanningScene:
         return f"PlanningScene({self.source}: {len(self.obstacles)} obstacles, {len(self.attached)} attached)"
 
     def may_touch(self, one: str, other: str) -> bool:
-        """Return True if the allowed collision matrix lets two links or objects touch.
+        """Return True if the matrix lets two links or objects touch.
 
         Versions of MoveIt differ in what counts if an entry and a default of the matrix disagree. The pair may touch
         only if they agree. Without a matrix, no pair may.
@@ -114,7 +114,7 @@ class PlanningScene:
         )
 
     def _place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
-        """Return the arm with all that it carries, and the pairs of links and obstacles that may touch.
+        """Return the arm with its objects, and the pairs that may touch.
 
         ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If there is a matrix, it
         replaces the pairs of links that the SRDF lets touch, as in MoveIt.
@@ -181,7 +181,7 @@ class PlanningScene:
         return padding
 
     def _pose_on_link(self, arm: Arm, each: AttachedObject, base_pose: Floats) -> Floats:
-        """Return the pose of an attached object in the frame of its link."""
+        """Return an attached object's pose in its link's frame."""
         pose = each.shape.pose
         if each.frame == each.link:
             return pose
@@ -538,7 +538,7 @@ def _parse_joint_goal(items: Sequence[Any], place: str) -> JointGoal:
 def _parse_pose_goals(
     positions: Sequence[Any], orientations: Sequence[Any], place: str, frames: dict[str, None]
 ) -> list[PoseGoal]:
-    """Return the goals of at most one position constraint and one orientation constraint."""
+    """Return the goals of a position and an orientation constraint."""
     links, rotation, angle = list[str](), np.eye(3), math.inf
     for item in orientations:
         here = f"orientation_constraints of {place}"

@@ -16,7 +16,7 @@ from cspace.spectral.descriptors import BallsLike, as_balls, check_same_dim, com
 
 
 class ArmPenetration:
-    """Overlap of an arm's balls with fixed balls, summed over the links, and its derivatives by the joints.
+    """Overlap of an arm's balls with fixed balls, with derivatives.
 
     The overlap is zero if no balls meet, grows with the depth, and is smooth, so that optimizers can pull a path out of
     obstacles. It proves nothing: prove the path with :meth:`cspace.ArmSpace.certify_path`. Links are not tested against

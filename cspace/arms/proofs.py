@@ -87,7 +87,7 @@ class Solids(NamedTuple):
     starts: Ints
 
     def part_at(self, solid: int, node: int) -> int:
-        """Return the part of a solid that has a node of its hulls; -1 stands for the root of the solid."""
+        """Return the part of a node of hulls; -1 for the root."""
         first, stop = self.starts[solid : solid + 2, 2].tolist()
         # It is the part whose root is the last not beyond the node.
         roots, reached = self.part_roots[first:stop], node if node >= 0 else int(self.roots[solid])

@@ -74,7 +74,7 @@ class PartStore:
         self.triangles, self.windings = np.zeros((triangles, 3, 3)), np.zeros(triangles, dtype=np.int64)
 
     def reserve(self, counts: Ints) -> Ints | None:
-        """Return the first of rows that nobody else gets, shape (5,); None if there are too few."""
+        """Reserve rows; return the first, shape (5,), or None if full."""
         with self._lock:
             first, stop = self._used, self._used + counts
             if (stop > self._sizes).any():
@@ -84,7 +84,7 @@ class PartStore:
 
     @property
     def is_half_full(self) -> bool:
-        """Whether fewer rows of some array are left than the least that a store of links begins with, halved."""
+        """Whether some array has less than half its spare rows left."""
         return bool((self._sizes - self._used < _SHARED_SPARE_ROWS // 2).any())
 
     def write_part(self, part: PosedShape, first: Ints, with_hulls: bool) -> _PartRows:
@@ -110,7 +110,7 @@ class PartStore:
         return _PartRows(root, tree_root, triangle, stop)
 
     def join(self, roots: Ints, start: int) -> None:
-        """Write the nodes above several roots to reserved rows; the first is the root of all."""
+        """Write the nodes above several roots to reserved rows."""
         stop = start + len(roots) - 1
         self.hulls.boxes[start:stop], self.hulls.nodes[start:stop] = join_roots(self.hulls.boxes[roots], roots, start)
 
@@ -173,7 +173,7 @@ def pack_solids(
 
 
 class LinkStores:
-    """Stores with the links of arms, in which the obstacles of all scenes of an arm are packed.
+    """Stores for the links and obstacles of an arm's scenes.
 
     So a new scene copies no link. An arm gets a new store once its store is half full; scenes keep theirs.
     """
@@ -215,7 +215,7 @@ def make_scene(chain: Chain, solids: Sequence[Solid], pairs: Sequence[tuple[int,
 def make_outer_scene(
     chain: Chain, packed: PackedSolids, pairs: Sequence[tuple[int, int]], padding: Floats, margin: float
 ) -> Scene:
-    """Return the scene of the outer shapes of packed solids, which proves FREE.
+    """Return the scene of outer shapes, which proves FREE.
 
     Pairs of solids, given by their indices, must be farther apart than the margin and their padding, shape (p,).
     """

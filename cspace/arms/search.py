@@ -77,7 +77,7 @@ class Forest(NamedTuple):
 
 @kernel
 def nearest_node(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
-    """Return the node of a tree nearest to a configuration, and its distance."""
+    """Return the nearest node of a tree, and its distance."""
     nodes, best, at = forest.nodes[side], np.inf, -1
     for n in range(forest.counts[side]):
         square = 0.0
@@ -110,7 +110,7 @@ def extend_tree(forest: Forest, scene: Scene, side: int, near: int, q: Floats, s
 
 @kernel
 def is_within(q0: Floats, q1: Floats, spans: Floats) -> bool:
-    """Return True if each joint moves by at most its span, shape (dof,)."""
+    """Return True if no joint moves beyond its span."""
     within = True
     for d in range(len(q0)):
         within &= abs(q1[d] - q0[d]) <= spans[d]
@@ -294,7 +294,7 @@ def replace_part(path: Floats, rows: int, first: float, last: float, part: Float
 def pull_path(
     scene: Scene, path: Floats, rows: int, draws: Floats, spans: Floats, part: Floats, scratch: SceneScratch
 ) -> int:
-    """Pull random parts of a path towards straight motions if the result is proven free.
+    """Pull random parts of a path straight where proven free.
 
     Each row of ``draws``, shape (n, 5) in [0, 1), chooses one part: its ends, whether they are waypoints, the joint and
     the weight. ``part`` is scratch, of the shape of ``path``. Returns the number of rows.
@@ -318,7 +318,7 @@ def pull_path(
 
 
 class PathSearch:
-    """A search of proven paths from a start to one of several goals.
+    """A search for proven paths to one of several goals.
 
     Parameters
     ----------
@@ -353,7 +353,7 @@ class PathSearch:
         self._batches: list[int] = []  # of attempts, used by each search
 
     def find(self, straight: bool) -> Floats:
-        """Find a path, shape (n, dof); empty if none was found in time.
+        """Find a path, shape (n, dof); empty if time ends.
 
         The first samples are the endpoints themselves. If ``straight``, it skips waypoints that straight motions do not
         need.
@@ -384,7 +384,7 @@ class PathSearch:
         return path
 
     def _connect(self, goals: Floats, samples: Floats, length: float, max_batches: float, straight: bool) -> Floats:
-        """Grow two trees until they meet, where a path shorter than ``length`` may lead."""
+        """Grow two trees until they meet on a path below ``length``."""
         forest, rows, batches = _plant_trees(self._start, goals), 0, 0
         path = np.empty(forest.nodes[0].shape)
         while not rows and batches < max_batches and clock() < self._end:
@@ -399,7 +399,7 @@ class PathSearch:
         return path[:rows]
 
     def _sample(self, goals: Floats, length: float) -> Floats:
-        """Sample configurations through which a path of at most ``length`` may lead, shape (SAMPLES_PER_BATCH, dof).
+        """Sample configurations on possible paths of at most ``length``.
 
         They are uniform in the ellipsoid with foci at start and goal. Samples outside the bounds are replaced by
         uniform ones within.
@@ -421,7 +421,7 @@ class PathSearch:
         return np.where(inside, samples, uniform)
 
     def _pull(self, path: Floats) -> Floats:
-        """Pull parts of a path towards straight motions while a batch of pulls gains :data:`MIN_GAIN`."""
+        """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
         rows = len(path)
         pulled = np.concatenate([path, np.empty((rows + 2 * PULLS_PER_BATCH, path.shape[1]))])
         part, length, last = np.empty_like(pulled), _length(path), math.inf

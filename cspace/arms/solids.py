@@ -288,7 +288,7 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
 
 
 def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
-    """Place a shape; raise InputError if it is in the plane, or the pose is no rigid motion."""
+    """Place a shape in space by a rigid motion."""
     if shape.dim != 3:
         problem = f"hold {name!r}, a shape of the plane"
         raise InputError("obstacles", problem, "arms are in space", "pass a solid", value=shape)

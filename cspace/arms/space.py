@@ -87,12 +87,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     @property
     def margin(self) -> float:
-        """Metres by which FREE keeps links away from obstacles and from each other."""
+        """Metres that FREE keeps between links and everything else."""
         return self._snapshot.margin
 
     @property
     def padding(self) -> dict[str, float]:
-        """Metres that links, attached objects and obstacles add to the margin; a copy. See :meth:`set_padding`."""
+        """Metres added to the margin by name, a copy; see :meth:`set_padding`."""
         return dict(self._snapshot.padding)
 
     @property
@@ -209,7 +209,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def remove_obstacle(self, name: str) -> None:
-        """Remove a named obstacle, with its padding and the pairs that may touch it.
+        """Remove an obstacle with its padding and allowed pairs.
 
         Raises
         ------
@@ -233,7 +233,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         q: ArrayLike | None = None,
         padding: float | None = None,
     ) -> None:
-        """Attach an object to a link: a new one, or an obstacle that the arm picks up.
+        """Attach a new object, or an obstacle, to a link.
 
         An obstacle keeps its padding and the pairs that may touch. For instance, a box that is picked up from a table
         needs ``allow_collisions([("box", "table")])``.
@@ -384,7 +384,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         padding: Mapping[str, float],
         arm: Arm | None = None,
     ) -> None:
-        """Replace the snapshot; readers see the old one or the new one, because one assignment replaces it."""
+        """Replace the snapshot in one assignment, which readers see whole."""
         self._snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
 
     def _check_configuration(self, q: ArrayLike | None, name: str, rule: str) -> Floats:
@@ -618,7 +618,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         *,
         tolerance: tuple[float, float] = DEFAULT_LINE_TOLERANCE,
     ) -> LineMotion:
-        """Bring a frame along straight lines from pose to pose, and prove the motion.
+        """Bring a frame along straight lines by a proven motion.
 
         The line begins at the pose of the frame at ``q0``. On the way to the next pose the frame's origin moves
         straight, and the frame turns about one axis; poses of equal rotation keep it. The joints follow inverse
@@ -941,6 +941,6 @@ def _without(pairs: Iterable[Names], name: str) -> set[Names]:
 
 
 def _set_entry(padding: Mapping[str, float], name: str, metres: float | None) -> dict[str, float]:
-    """Return the padding with that of a name changed, unless it is None; zero is left out."""
+    """Return the padding with one name's changed, unless None."""
     changed = dict(padding) if metres is None else {**padding, name: metres}
     return {each: value for each, value in changed.items() if value}
