@@ -17,7 +17,8 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,7 +43,6 @@ from planners.states import Configuration, check_space, kind_of
 if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace
     from planners.integrals import CostDensity, Field
-    from planners.search import Search
 
 Endpoints = tuple[Configuration, ...]
 """A start and its goals, of which a path may end at any. Only arms have several goals."""
@@ -106,6 +106,17 @@ class Pieces(NamedTuple):
     centers: Floats
     lengths: Floats
     rotations: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class SearchOptions:
+    """Planner and options of a search, as built-in searches read them."""
+
+    planner: str  # name of a planner of OMPL, or of a built-in search
+    objective: Callable[..., Any] | None = None  # takes the space information; None for the length
+    iterations: int | None = None  # largest number of checks of OMPL's termination condition
+    simplify: bool = True
+    seed: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +198,7 @@ class LocalPlanner(ABC):
         return bool(self.edges_are_free(path).all())
 
     @abstractmethod
-    def search(self, search: Search, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
+    def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
         """Find a path by a built-in search.
 
         Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice proves, in words.
@@ -333,25 +344,23 @@ class EdgesOnMap(LocalPlanner):
         """Return a path, shape (n, size), with its yaws in [-pi, pi)."""
         return wrapped(path, [name == "yaw" for name in self.space.axes])
 
-    def search(self, search: Search, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
+    def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
         """Find a path by "Grid", "MaxClearance" or "Lattice"."""
-        from planners.lattice import find_lattice_path
-        from planners.objectives import find_clear_path
-
         if search.planner == LATTICE:
-            return find_lattice_path(self, endpoints, search.simplify, seconds)
+            find_lattice_path = resolve_name("planners.lattice:find_lattice_path")  # which imports this module
+            return cast(tuple[Floats, str], find_lattice_path(self, endpoints, search.simplify, seconds))
         if search.planner == MAX_CLEARANCE:
             return self.space.find_widest_path(*endpoints, straight=search.simplify, time_limit=seconds), ""
         if search.objective is not None:
+            find_clear_path = resolve_name("planners.objectives:find_clear_path")  # which imports this module
             return find_clear_path(self, endpoints, search.simplify, seconds), ""
         options = {"exact": True} if self.exact else {}  # only maps in memory have geometry
         return self.space.find_path(*endpoints, straight=search.simplify, time_limit=seconds, **options), ""
 
     def shorten(self, path: Floats, until: float) -> Floats:
         """Shorten a path, shape (n, size), until a reading of the clock."""
-        from planners.lattice import shorten_path
-
-        return shorten_path(self, path, until)
+        shorten_path = resolve_name("planners.lattice:shorten_path")  # which imports this module
+        return cast(Floats, shorten_path(self, path, until))
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return the length and the rotation of a path, metres and radians."""
@@ -647,7 +656,7 @@ class JointMotions(LocalPlanner):
         starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return np.asarray(self.space.motion_is_free(starts, ends))
 
-    def search(self, search: Search, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
+    def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
         """Find a path by "BiRRT", the arm's own search; the first path if it is not simplified."""
         options = {"iterations": search.iterations if search.simplify else 0, "seed": search.seed}
         start, *goals = endpoints

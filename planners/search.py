@@ -31,9 +31,9 @@ from planners.catalogue import (
     make_planner,
     planner_named,
 )
-from planners.local_planner import Endpoints, LocalPlanner
+from planners.local_planner import Endpoints, LocalPlanner, SearchOptions
 from planners.objectives import WeightedLength
-from planners.setup import MakeObjective, make_setup
+from planners.setup import make_setup
 from planners.states import kind_of
 
 GRACE_SECONDS: Final = 0.1
@@ -142,14 +142,9 @@ class SearchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
-    """Planner and options of a search."""
+class Search(SearchOptions):
+    """Planner and options of a search, which OMPL may run."""
 
-    planner: str  # name of a planner of OMPL, or of a built-in search
-    objective: MakeObjective | None = None  # takes the space information; None for the length
-    iterations: int | None = None  # largest number of checks of OMPL's termination condition
-    simplify: bool = True
-    seed: int | None = None
     fallback: str | None = None  # planner that takes over if this one finds no path
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
