@@ -1,4 +1,4 @@
-"""Local planners: the edge that joins two configurations, by the drive of the robot.
+"""Local planners: edges between two configurations, by the robot's drive.
 
 A holonomic robot follows the straight edge. A differential drive turns on the spot, drives straight on and turns again.
 A car follows a curve.
@@ -45,25 +45,25 @@ if TYPE_CHECKING:
     from planners.integrals import CostDensity, Field
 
 Endpoints = tuple[Configuration, ...]
-"""A start and its goals, of which a path may end at any. Only arms have several goals."""
+"""A start and its alternative goals. Only arms have several goals."""
 
 GoalLike = ArrayLike | PoseGoal | Sequence[PoseGoal | ArrayLike]
 """A goal of a plan, or several for an arm."""
 
 MAX_GOALS_PER_POSE: Final = 16
-"""Configurations at a pose that are goals of a search at once."""
+"""Configurations at one pose that are goals of a search at once."""
 
 MAX_SOLUTIONS_PER_POSE: Final = 128
-"""Configurations at a pose that are tested before it counts as in collision."""
+"""Configurations tested before a pose counts as in collision."""
 
 MAX_RADIANS_PER_ROW: Final = math.radians(5.0)
-"""Largest rotation between two rows of a resampled path, in radians (5 degrees)."""
+"""Largest rotation between rows of a resampled path, radians (5 degrees)."""
 
 CAR_AXES: Final = ("x", "y", "yaw")
-"""Axes of the maps on which drives other than the holonomic one can plan."""
+"""Axes of the maps for drives other than the holonomic one."""
 
 HOLONOMIC: Final = "holonomic"
-"""Drive of a robot that moves in any direction and turns as it moves."""
+"""Drive that moves in any direction and turns while moving."""
 
 _CURVE_SPACES: Final[dict[str, Callable[[float], ob.StateSpace]]] = {
     "dubins": ob.DubinsStateSpace,
@@ -74,10 +74,10 @@ _CURVE_SPACES: Final[dict[str, Callable[[float], ob.StateSpace]]] = {
 """OMPL's state spaces of curves, made from a turning radius, by drive."""
 
 CURVES: Final = ("dubins", "reeds-shepp")
-"""Drives of cars, which follow curves; their indices are the kinds of curves in the kernels."""
+"""Drives of cars, which follow curves; kernels use their indices."""
 
 ON_THE_SPOT: Final = tuple(name for name in _CURVE_SPACES if name not in CURVES)
-"""Drives that turn on the spot; OMPL's own length of their edges counts metres alone."""
+"""Drives that turn on the spot; OMPL's lengths count only metres."""
 
 DRIVES: Final = (HOLONOMIC, *ON_THE_SPOT, *CURVES)
 """All drives."""
@@ -86,13 +86,13 @@ LENGTH_ROUNDING_SHARE: Final = 1e-12
 """Share by which rounding may change a length."""
 
 JOINT_CHECKING_STEP: Final = 0.01
-"""Distance in the joints (rad, m) between the states that OMPL checks when it steps along an arm's motion by itself."""
+"""Joint distance (rad, m) between states when OMPL itself checks a motion."""
 
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
-"""Turning radius of the curves that stand for turning on the spot in OMPL, as a share of the map's longest side.
+"""OMPL's pivot radius, as a share of the map's longest side.
 
-The curves leave the driven edge by at most two radii. With a radius a hundred times smaller, rounding would decide the
-direction of a turn.
+Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii. With a radius a
+hundred times smaller, rounding would decide the direction of a turn.
 """
 
 
@@ -123,6 +123,8 @@ class SearchOptions:
 class LocalPlanner(ABC):
     """Edges between configurations of a space: their proofs, lengths and costs.
 
+    Paths have shape (n, size).
+
     Attributes
     ----------
     space : CSpace, TiledCSpace or ArmSpace
@@ -131,7 +133,7 @@ class LocalPlanner(ABC):
     exact : bool
         Whether the geometry itself decides edges that a map does not.
     drive : str
-        One of :data:`DRIVES`.
+        Drive from :data:`DRIVES`.
     turning_radius : float or None
         Turning radius of curves, metres.
     bidirectional : bool
@@ -151,7 +153,7 @@ class LocalPlanner(ABC):
     @property
     @abstractmethod
     def units(self) -> tuple[str, str]:
-        """Unit of lengths ("m", "rad", or "rad or m"), and of clearances and obstacle distances."""
+        """Units of lengths ("m", "rad" or "rad or m") and of distances."""
 
     @property
     @abstractmethod
@@ -161,7 +163,7 @@ class LocalPlanner(ABC):
     @property
     @abstractmethod
     def checking_step(self) -> float:
-        """Distance between the states that OMPL checks when it steps along a motion by itself."""
+        """Distance between the states that OMPL itself checks along a motion."""
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
@@ -169,23 +171,26 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def point_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q)``, which returns True if a configuration is proven free."""
+        """Make ``check(*q)``, which proves a configuration free."""
 
     @abstractmethod
     def clearance_checker(self) -> Callable[..., float]:
-        """Make ``clearance(*q)``, which bounds the clearance, or for an arm the obstacle distance, from below."""
+        """Make ``clearance(*q)``, a lower bound of the clearance.
+
+        For an arm, it bounds the obstacle distance.
+        """
 
     @abstractmethod
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if the edge is proven free."""
+        """Make ``check(*q0, *q1)``, which proves the edge free."""
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Make ``check(first, second)``, which proves the edge between two states of OMPL free."""
+        """Make ``check(first, second)``, which proves a motion between OMPL states free."""
         check = kind_of(self.space).of_states(self.edge_checker())
         return (lambda first, second: check(first, second) and check(second, first)) if self.bidirectional else check
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge of a path is proven free, shape (n - 1,).
+        """Return whether each edge is proven free, shape (n - 1,).
 
         A path of one configuration counts as one edge from it to itself.
         """
@@ -194,41 +199,47 @@ class LocalPlanner(ABC):
         return np.array([check(*a, *b) for a, b in pairs], dtype=np.bool_)
 
     def are_free(self, path: Floats) -> bool:
-        """Return True if every edge of a path is proven free."""
+        """Return True if every edge is proven free."""
         return bool(self.edges_are_free(path).all())
 
     @abstractmethod
     def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
         """Find a path by a built-in search.
 
-        Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice proves, in words.
+        Returns its waypoints and the proof of a lattice, in words. There are no waypoints if the search fails.
         """
 
     def shorten(self, path: Floats, until: float) -> Floats:
-        """Shorten a path by free edges between its points, until a reading of the clock; shapes (n, size)."""
+        """Shorten a path by free edges between its points.
+
+        It stops when the clock reads ``until``.
+        """
         check = below_half_a_turn(self.edge_checker(), self.space.periodic_axes)
         rotations = self.space.rotations if isinstance(self.space, ConfigurationMap) else Rotations.of(None)
         return pulled_straight(path, rotations, lambda *edge: clock() < until and check(*edge))
 
     def wrap_yaws(self, path: Floats) -> Floats:
-        """Return a path, shape (n, size), with its yaws in [-pi, pi)."""
+        """Wrap the yaws of a path into [-pi, pi)."""
         return path
 
     def breakpoints(self, path: Floats) -> Floats:
-        """Insert the configurations at which the motion along a path, shape (n, size), changes."""
+        """Insert the configurations at which the motion changes."""
         return path
 
     def remove_turns(self, path: Floats) -> Floats:
-        """Remove needless turns on the spot from a path, as far as its edges remain proven free."""
+        """Remove needless turns while all edges remain proven free."""
         return path
 
     @abstractmethod
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to drive and draw a path; return it and its :attr:`planners.Plan.direction`."""
+        """Add rows to drive and draw a path.
+
+        Returns the path and its :attr:`planners.Plan.direction`.
+        """
 
     @abstractmethod
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the lengths of edges, shape (n,), with rotations weighted as planners do."""
+        """Return the lengths of edges, shape (n,), with weighted rotations."""
 
     @abstractmethod
     def measure(self, path: Floats) -> tuple[float, float]:
@@ -236,11 +247,14 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Bound the lengths of all free paths between two configurations from below, with weighted rotations."""
+        """Bound the weighted lengths of all free paths from below."""
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:
-        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`; NaN for an arm."""
+        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`.
+
+        Returns NaN for an arm.
+        """
 
     @abstractmethod
     def obstacle_distance(self, path: Floats) -> float:
@@ -250,17 +264,19 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
-        """Return a start or goal as OMPL holds it: yaws wrapped, quaternions of norm 1, joints within limits.
+        """Return a start or goal in canonical form, as OMPL holds it.
 
-        Raises ConfigurationError if no motion from it can be proven free, and InputError if it is no configuration.
+        Yaws are wrapped, quaternions have norm 1, and joints lie within limits. Raises ConfigurationError if no motion
+        from it can be proven free, and InputError if it is no configuration.
         """
 
     def find_goals(
         self, goal: GoalLike, start: Configuration, seed: int | None
     ) -> list[tuple[Configuration, ArrayLike]]:
-        """Return the goals that a path from a start may end at, each checked and as given, the nearest first.
+        """Return the checked goals that a path may end at, nearest first.
 
-        Raises errors as :meth:`check_endpoint`; also if an arm reaches none of the poses given, or collides there.
+        Each comes with the goal as given. Raises errors as :meth:`check_endpoint`; also if an arm reaches none of the
+        poses given, or collides there.
         """
         if isinstance(goal, PoseGoal):
             rule, hint = "a map has no frames", "pass a configuration"
@@ -269,19 +285,25 @@ class LocalPlanner(ABC):
         return [(self.check_endpoint(given, "goal"), given)]
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Name the joints that :meth:`check_endpoint` moves onto their limits; empty if there are none."""
+        """Name the joints that :meth:`check_endpoint` moves onto their limits.
+
+        Returns an empty text if it moves no joint.
+        """
         return ""
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
-        """Return True if a path is proven to exist, False if proven that none does, None if undecided."""
+        """Prove or disprove that a path exists; None if undecided."""
         return None
 
     def may_join(self, exists: bool | None) -> bool:
-        """Return False if no path can join start and goal, given the result of :meth:`prove_existence`."""
+        """Return False if no path can join start and goal.
+
+        ``exists`` is the result of :meth:`prove_existence`.
+        """
         return exists is not False
 
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
-        """Return one configuration as an array; raise InputError if its length is wrong or it is not finite."""
+        """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
         if point.shape != (self.space.size,):
             rule = f"it must be one configuration of {self.space.size} numbers"
@@ -299,7 +321,7 @@ class EdgesOnMap(LocalPlanner):
     @property
     @abstractmethod
     def rotation_weight(self) -> float:
-        """Metres that a radian of rotation counts as in the length of an edge."""
+        """Metres that a radian of rotation adds to an edge's length."""
 
     @abstractmethod
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
@@ -307,7 +329,10 @@ class EdgesOnMap(LocalPlanner):
 
     @abstractmethod
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path into pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split a path into pieces of at most ``step`` and ``rotation``.
+
+        ``step`` is in metres, ``rotation`` in radians.
+        """
 
     @property
     def units(self) -> tuple[str, str]:
@@ -325,7 +350,7 @@ class EdgesOnMap(LocalPlanner):
         return 0.5 * self.space.grid.spacing
 
     def point_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q)``, which returns True if a configuration is proven free."""
+        """Make ``check(*q)``, which proves a configuration free."""
         return self.space.point_checker(exact=self.exact)
 
     def clearance_checker(self) -> Callable[..., float]:
@@ -333,7 +358,10 @@ class EdgesOnMap(LocalPlanner):
         return self.space.clearance_checker()
 
     def straight_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if a straight edge is proven free, also in a store."""
+        """Make ``check(*q0, *q1)``, which proves a straight edge free.
+
+        The map may be in a store.
+        """
         space: ConfigurationMap = self.space
         if isinstance(space, CSpace):
             return space.edge_checker(exact=self.exact)
@@ -341,7 +369,7 @@ class EdgesOnMap(LocalPlanner):
         return lambda *edge: bool(space.motion_is_free(edge[:size], edge[size:], exact=exact))
 
     def wrap_yaws(self, path: Floats) -> Floats:
-        """Return a path, shape (n, size), with its yaws in [-pi, pi)."""
+        """Wrap the yaws of a path into [-pi, pi)."""
         return wrapped(path, [name == "yaw" for name in self.space.axes])
 
     def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
@@ -358,17 +386,17 @@ class EdgesOnMap(LocalPlanner):
         return self.space.find_path(*endpoints, straight=search.simplify, time_limit=seconds, **options), ""
 
     def shorten(self, path: Floats, until: float) -> Floats:
-        """Shorten a path, shape (n, size), until a reading of the clock."""
+        """Shorten a path until a reading of the clock."""
         shorten_path = resolve_name("planners.lattice:shorten_path")  # which imports this module
         return cast(Floats, shorten_path(self, path, until))
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return the length and the rotation of a path, metres and radians."""
+        """Return the metres and radians of a path."""
         pieces = self.split_path(path, math.inf, math.inf)
         return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Bound the lengths of all free paths between two configurations from below."""
+        """Bound the lengths of all free paths from below."""
         space: ConfigurationMap = self.space
         steps, dim = space.rotations._steps_between(first, last), space.grid.dim
         straight = float(np.linalg.norm(steps[:dim]))
@@ -390,11 +418,11 @@ class EdgesOnMap(LocalPlanner):
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
 
     def obstacle_distance(self, path: Floats) -> float:
-        """Bound the obstacle distance along a path from below, metres; NaN if the map has no geometry.
+        """Bound the obstacle distance along a path from below, metres.
 
-        Each edge is split into pieces on which no point of the robot moves by more than half a cell. Each point stays
-        within a quarter of a cell of its position at the piece's center, so the distance there minus that much bounds
-        the piece.
+        Returns NaN if the map has no geometry. Each edge is split into pieces on which no point of the robot moves by
+        more than half a cell. Each point stays within a quarter of a cell of its position at the piece's center. The
+        distance there minus that much bounds the piece.
         """
         space, step = self.space, 0.25 * self.space.grid.spacing
         pieces = self._split_or_point(path, step, step / max(space.robot.span, step))
@@ -405,7 +433,7 @@ class EdgesOnMap(LocalPlanner):
         return distance if self.are_free(path) else 0.0
 
     def _split_or_point(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path as :meth:`split_path`; a path of one configuration becomes one piece."""
+        """Split a path; a single configuration becomes one piece."""
         return self.split_path(path, step, rotation) if len(path) > 1 else Pieces(path, np.zeros(1), np.zeros(1))
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
@@ -424,7 +452,7 @@ class EdgesOnMap(LocalPlanner):
         raise self._make_endpoint_error(point, name, inside)
 
     def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
-        """Make the error for a refused start or goal, which names the nearest FREE configuration."""
+        """Make the error for a refused start or goal."""
         space = self.space
         state = space.classify(point)
         if not inside:
@@ -449,35 +477,38 @@ class EdgesOnMap(LocalPlanner):
         return ConfigurationError(name, f"{format_point(point)} {problem}", rule, hint, value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
-        """Return True if a path is proven to exist, False if proven that none does, None if undecided."""
+        """Prove or disprove that a path exists; None if undecided."""
         connected, disconnected = self.space._connectivity(*endpoints)
         return True if connected else False if disconnected else None
 
     def may_join(self, exists: bool | None) -> bool:
-        """Return False if no path of such edges can join start and goal.
+        """Return False if no proven edges can join start and goal.
 
         Unless the geometry decides, an edge of any drive is proven only if every closed cell that it touches is FREE.
         The cells of the grid that contain a point of the edge form a block in position and rotation, so they are joined
         through sides. Along the edge, the cells change only at points that lie in both the old and the new cells. So
-        all cells of a path, including those of start and goal, belong to one component of FREE cells, and ``exists`` is
-        True. No path leaves the grid, even if the outside is free: start and goal lie in the grid, straight edges
-        between such points stay there, and curves that leave it are not proven.
+        all cells of a path, start and goal included, belong to one component of FREE cells, and ``exists`` is True. No
+        path leaves the grid, even if the outside is free. Start and goal lie in the grid, straight edges between such
+        points stay there, and curves that leave it are not proven.
         """
         return exists is not False if self.exact else exists is True
 
 
 class StraightEdges(EdgesOnMap):
-    """Straight edges of a holonomic robot, which turns evenly the shorter way, as in OMPL's SE(2) and SE(3)."""
+    """Straight edges of a holonomic robot.
+
+    The robot turns evenly the shorter way, as in OMPL's SE(2) and SE(3).
+    """
 
     rotation_weight = METRES_PER_RADIAN
     built_in_searches: ClassVar[tuple[str, ...]] = (GRID, MAX_CLEARANCE)
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if a straight edge is proven free."""
+        """Make ``check(*q0, *q1)``, which proves a straight edge free."""
         return self.straight_checker()
 
     def shorten(self, path: Floats, until: float) -> Floats:
-        """Shorten a path, shape (n, size), until a reading of the clock."""
+        """Shorten a path until a reading of the clock."""
         return LocalPlanner.shorten(self, path, until)
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
@@ -492,7 +523,7 @@ class StraightEdges(EdgesOnMap):
         return metres + self.rotation_weight * radians
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each edge into equal pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split each edge into equal pieces of at most ``step`` and ``rotation``."""
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
         centers = self.space.rotations._add_steps(
@@ -501,7 +532,7 @@ class StraightEdges(EdgesOnMap):
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to a path, so that the robot turns by at most 5 degrees between two rows."""
+        """Add rows to a path, at most 5 degrees of rotation apart."""
         if len(path) < 2:
             return path, None
         steps, _, radians, counts = self._count_pieces(path, self.space.grid.spacing, MAX_RADIANS_PER_ROW)
@@ -515,7 +546,7 @@ class StraightEdges(EdgesOnMap):
         return np.concatenate([rows, path[-1:]]), None
 
     def _count_pieces(self, path: Floats, step: float, rotation: float) -> tuple[Floats, Floats, Floats, Ints]:
-        """Return the displacement of each edge, its metres, its radians, and the number of its pieces."""
+        """Return each edge's displacement, metres, radians and number of pieces."""
         steps, metres, radians = self._displacements(path[:-1], path[1:])
         counts = np.maximum(np.ceil(np.maximum(metres / step, radians / rotation)), 1.0).astype(np.int64)
         return steps, metres, radians, counts
@@ -527,12 +558,13 @@ class StraightEdges(EdgesOnMap):
 
 
 class TurnDriveTurn(StraightEdges):
-    """Edges of a differential drive, which turns on the spot, drives straight on, and turns on the spot.
+    """Edges of a differential drive: turn, drive straight, turn.
 
-    It turns the shorter way and drives with its x axis ahead. If it reverses, it drives backwards when that takes less
-    rotation. Each of the three parts is proven as a straight edge; :meth:`breakpoints` gives their endpoints.
+    It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it drives backwards when
+    that takes less rotation. Each of the three parts is proven as a straight edge; :meth:`breakpoints` gives their
+    endpoints.
 
-    OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`): its interpolation stays
+    OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its interpolation stays
     within 1e-8 of the map's side of the line, and its distance counts metres alone.
     """
 
@@ -540,11 +572,11 @@ class TurnDriveTurn(StraightEdges):
     shorten = EdgesOnMap.shorten
 
     def make_states(self) -> ob.StateSpace:
-        """Make OMPL's state space of curves with a tiny turning radius, without bounds."""
+        """Make OMPL's state space of curves with a tiny turning radius."""
         return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * self.space.grid.spacing * max(self.space.grid.shape))
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if all three parts of the edge are proven free."""
+        """Make ``check(*q0, *q1)``, which proves all three parts free."""
         is_free, heading = self.straight_checker(), self.heading
 
         def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
@@ -556,7 +588,7 @@ class TurnDriveTurn(StraightEdges):
         return check
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
-        """Make ``cost(*q0, *q1)``, the sum of the costs of the three parts."""
+        """Make ``cost(*q0, *q1)``, the cost of all three parts."""
         cost, heading = super().edge_cost(field, density), self.heading
 
         def total(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
@@ -567,7 +599,7 @@ class TurnDriveTurn(StraightEdges):
         return total
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the metres of edges plus half the radians of their turns, shape (n,)."""
+        """Return the metres of edges plus half their radians, shape (n,)."""
         offsets = ends[:, :2] - starts[:, :2]
         ahead, stays = np.arctan2(offsets[:, 1], offsets[:, 0]), (offsets == 0.0).all(axis=1)
         yaws = np.where(stays, starts[:, 2], ahead), np.where(stays, starts[:, 2], ahead + math.pi)
@@ -576,7 +608,7 @@ class TurnDriveTurn(StraightEdges):
         return np.asarray(np.linalg.norm(offsets, axis=1) + self.rotation_weight * least)
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-        """Return the yaw at which the robot drives along an edge; ``yaw0`` if it only turns."""
+        """Return the yaw while driving an edge; ``yaw0`` for a pure turn."""
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
@@ -586,11 +618,11 @@ class TurnDriveTurn(StraightEdges):
         return min(ahead, back, key=lambda yaw: abs(_shorter_angle(yaw0, yaw)) + abs(_shorter_angle(yaw, yaw1)))
 
     def are_free(self, path: Floats) -> bool:
-        """Return True if every edge of a path is proven free."""
+        """Return True if every edge is proven free."""
         return super().are_free(self.breakpoints(path))
 
     def breakpoints(self, path: Floats) -> Floats:
-        """Insert the configurations at which the robot begins to turn or to drive."""
+        """Insert the configurations at which turns and drives begin."""
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
@@ -600,7 +632,7 @@ class TurnDriveTurn(StraightEdges):
         return np.array(waypoints).reshape(-1, 3)
 
     def remove_turns(self, path: Floats) -> Floats:
-        """Give each waypoint the yaw of arrival, if the edges to and from it are then proven free."""
+        """Give waypoints the yaw of arrival, if their edges remain proven free."""
         check, rows = self.edge_checker(), path.tolist()
         for k in range(1, len(rows) - 1):
             arrival = [*rows[k][:2], self.heading(*rows[k - 1], *rows[k])]
@@ -609,11 +641,11 @@ class TurnDriveTurn(StraightEdges):
         return np.array(rows).reshape(-1, 3)
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split turns and drives into pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split turns and drives into pieces of at most ``step`` and ``rotation``."""
         return super().split_path(self.breakpoints(path), step, rotation)
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to the turns of a path; directions are 1 ahead, -1 back, 0 on the spot."""
+        """Add rows to the turns of a path and return directions."""
         rows, _ = super().resample(self.breakpoints(path))
         ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
         signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
@@ -621,7 +653,10 @@ class TurnDriveTurn(StraightEdges):
 
 
 class JointMotions(LocalPlanner):
-    """Motions of an arm, whose joints move in step, continuous joints the shorter way."""
+    """Straight motions of an arm in its joints.
+
+    All joints move in step, continuous joints the shorter way.
+    """
 
     space: ArmSpace
     built_in_searches = (BIRRT,)
@@ -629,15 +664,18 @@ class JointMotions(LocalPlanner):
 
     @property
     def units(self) -> tuple[str, str]:
-        """Units of the joints, "rad", "m", or "rad or m", and of distances."""
+        """Units of the joints and of distances."""
         return " or ".join(dict.fromkeys(self.space.units)), "m"
 
     def point_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q)``, which returns True if a configuration is proven free."""
+        """Make ``check(*q)``, which proves a configuration free."""
         return self.space.point_checker()
 
     def clearance_checker(self) -> Callable[..., float]:
-        """Make ``clearance(*q)``, which bounds the obstacle distance from below, metres; 0 beyond limits."""
+        """Make ``clearance(*q)``, a lower bound of the obstacle distance, metres.
+
+        It is 0 beyond the limits of the joints.
+        """
 
         def clearance(*q: float) -> float:
             try:
@@ -648,16 +686,19 @@ class JointMotions(LocalPlanner):
         return clearance
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if the motion is proven free."""
+        """Make ``check(*q0, *q1)``, which proves the motion free."""
         return with_wrapped_angles(self.space.edge_checker(), self.space.periodic_axes)
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each motion is proven free, shape (n - 1,), or (1,) if n is 1."""
+        """Return whether each motion is proven free, shape (n - 1,)."""
         starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return np.asarray(self.space.motion_is_free(starts, ends))
 
     def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
-        """Find a path by "BiRRT", the arm's own search; the first path if it is not simplified."""
+        """Find a path by "BiRRT", the arm's own search.
+
+        Without simplification, it returns the first path.
+        """
         options = {"iterations": search.iterations if search.simplify else 0, "seed": search.seed}
         start, *goals = endpoints
         return self.space.find_path(start, goals, straight=search.simplify, time_limit=seconds, **options), ""
@@ -667,11 +708,11 @@ class JointMotions(LocalPlanner):
         return np.asarray(np.linalg.norm(shorter(ends - starts, self.space.periodic_axes), axis=1))
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return the length of a path in the joints, and 0 for its rotation."""
+        """Return a path's length in the joints, and 0 for rotation."""
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
 
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Return the length of the straight motion in the joints, less rounding."""
+        """Return the length of the straight motion, less rounding."""
         return (1.0 - LENGTH_ROUNDING_SHARE) * float(self.edge_lengths(first[None], last[None])[0])
 
     def clearance(self, path: Floats) -> float:
@@ -679,7 +720,10 @@ class JointMotions(LocalPlanner):
         return math.nan
 
     def obstacle_distance(self, path: Floats) -> float:
-        """Bound the distances along a path of links from obstacles and each other from below, metres."""
+        """Bound the obstacle distance along a path from below, metres.
+
+        Distances between links count too.
+        """
         return self.space.path_obstacle_distance(path)
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
@@ -694,7 +738,7 @@ class JointMotions(LocalPlanner):
         return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
-        """Return a start or goal with joints moved onto their limits, and angles wrapped.
+        """Return a start or goal with joints clamped and angles wrapped.
 
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if it is no
         configuration.
@@ -712,7 +756,10 @@ class JointMotions(LocalPlanner):
     def find_goals(
         self, goal: GoalLike, start: Configuration, seed: int | None
     ) -> list[tuple[Configuration, ArrayLike]]:
-        """Return the goals that are proven free, the nearest first; poses give several each."""
+        """Return the goals that are proven free, the nearest first.
+
+        A pose gives several goals.
+        """
         alternatives = _list_alternatives(goal)
         goals, errors = list[tuple[Configuration, ArrayLike]](), list[ConfigurationError]()
         for number, each in enumerate(alternatives):
@@ -735,7 +782,7 @@ class JointMotions(LocalPlanner):
     def _goals_at_pose(
         self, goal: PoseGoal, name: str, start: Configuration, seed: int | None
     ) -> list[tuple[Configuration, ArrayLike]]:
-        """Return configurations at a pose that are proven free, the nearest to the start first."""
+        """Return proven free configurations at a pose, the nearest first."""
         space, contacts = self.space, Counter[tuple[str, str]]()
         for count in (MAX_GOALS_PER_POSE, MAX_SOLUTIONS_PER_POSE):
             points = space.arm._solve_pose(goal, name, start, count, seed or 0)
@@ -754,7 +801,7 @@ class JointMotions(LocalPlanner):
         raise ConfigurationError(name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest)
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Name the joints that :meth:`check_endpoint` moves onto their limits; empty if there are none."""
+        """Name the joints that :meth:`check_endpoint` moves onto their limits."""
         arm, point = self.space.arm, self._check_size(q, name)
         excess = np.abs(arm._clamp(point) - point)
         rows = zip(arm.joints, excess.tolist(), arm.units, strict=True)
@@ -763,11 +810,11 @@ class JointMotions(LocalPlanner):
 
 
 class CarCurves(EdgesOnMap):
-    """Edges along the shortest curve of a car, on a map with the axes x, y, yaw.
+    """Edges along the shortest curve of a car.
 
-    Each edge is proven along the curve itself, which is split into pieces. All cells that meet the box around a piece
-    must be FREE (:mod:`planners.car_curves`). A curve that leaves the grid is not proven. If several curves are equally
-    short, OMPL may drive another than ours, so all of them are proven.
+    The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into pieces. All cells
+    that meet the box around a piece must be FREE (:mod:`planners.car_curves`). A curve that leaves the grid is not
+    proven. If several curves are equally short, OMPL may drive any of these, so all are proven.
     """
 
     rotation_weight = 0.0
@@ -787,12 +834,12 @@ class CarCurves(EdgesOnMap):
         return _CURVE_SPACES[self.drive](self.radius)
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True if the shortest curves are proven free."""
+        """Make ``check(*q0, *q1)``, which proves the shortest curves free."""
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge is proven free, shape (n - 1,), or (1,) if n is 1; also in a store."""
+        """Return whether each edge is proven free, also in a store."""
         given: object = self.space
         if isinstance(given, CSpace):
             return super().edges_are_free(path)
@@ -814,7 +861,7 @@ class CarCurves(EdgesOnMap):
         return lambda *endpoints: query(endpoints)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Make ``check(first, second)``, which proves the curve between two states of OMPL free.
+        """Make ``check(first, second)``, which proves a curve between OMPL states free.
 
         OMPL's curve must be as short as ours, because only the shortest curves are proven.
         """
@@ -828,7 +875,10 @@ class CarCurves(EdgesOnMap):
         return check
 
     def length_prover(self) -> Callable[..., float]:
-        """Make ``prove(*q0, *q1)``, the metres of the shortest curve if it is proven free, otherwise -1."""
+        """Make ``prove(*q0, *q1)``, the metres of the shortest curve.
+
+        It returns -1 unless the curve is proven free.
+        """
         from planners.car_curves import prove_length
 
         map_ = self.space._kernel_map
@@ -845,7 +895,7 @@ class CarCurves(EdgesOnMap):
         return self.radius * float(np.abs(self._word(first, last)[1]).sum())
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each curve into pieces of at most ``step`` metres and ``rotation`` radians."""
+        """Split each curve into pieces of at most ``step`` and ``rotation``."""
         curves = [self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
         if not curves:
             return Pieces(np.empty((0, 3)), np.empty(0), np.empty(0))
@@ -853,7 +903,10 @@ class CarCurves(EdgesOnMap):
         return Pieces(centers, lengths, np.abs(rotations))
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Sample the curves of a path, at most a cell and 5 degrees apart; directions are 1 ahead, -1 in reverse."""
+        """Sample the curves of a path and return directions.
+
+        Rows are at most a cell and 5 degrees apart.
+        """
         rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
         for a, b in itertools.pairwise(path):
             points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
@@ -866,7 +919,10 @@ class CarCurves(EdgesOnMap):
         return np.concatenate(rows), np.concatenate([first, direction])
 
     def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
-        """Return configurations, shape (n, 3), at distances ``position`` along a curve, metres, shape (n,)."""
+        """Return configurations along a curve, shape (n, 3).
+
+        ``position`` gives their distances from its start, metres, shape (n,).
+        """
         steering, lengths = self._word(first, last)
         yaws = first[2] + np.cumsum([0.0, *steering * lengths])
         starts = np.cumsum([0.0, *np.abs(lengths[:-1])])
@@ -879,7 +935,10 @@ class CarCurves(EdgesOnMap):
         return np.column_stack([first[:2] + self.radius * offsets, yaws[segment] + steering[segment] * along])
 
     def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
-        """Return the steering (1, -1 or 0) and the lengths (radii, negative in reverse) of a curve's segments."""
+        """Return the steering and lengths of a curve's segments.
+
+        Steering is 1, -1 or 0. Lengths are in radii, negative in reverse.
+        """
         from planners.car_curves import shortest_word
 
         steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
@@ -888,11 +947,11 @@ class CarCurves(EdgesOnMap):
     def split_curve(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
     ) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
-        """Split a curve into pieces of at most ``step`` metres and ``rotation`` radians.
+        """Split a curve into pieces of at most ``step`` and ``rotation``.
 
-        Returns the configuration at ``share`` of each piece (0.5 its center, 1 its end), its metres, its signed
-        radians, and 1 ahead or -1 in reverse. Segments that are only rounding errors are left out, but a curve has at
-        least one piece.
+        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Returns these configurations,
+        metres, signed radians, and 1 ahead or -1 in reverse. Segments that are only rounding errors are left out, but a
+        curve has at least one piece.
         """
         steering, lengths = self._word(first, last)
         metres = self.radius * np.abs(lengths)
@@ -913,7 +972,7 @@ def local_planner(
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> LocalPlanner:
-    """Make the local planner of a space, with the options of :class:`LocalPlanner`.
+    """Make the local planner of a space from :class:`LocalPlanner` options.
 
     Raises InputError if ``space`` is no map or arm's space; the drive is unknown, or given for a space without the axes
     x, y, yaw; the turning radius is missing, given without a curve, or out of range; or ``exact`` is set for curves.
@@ -946,9 +1005,10 @@ def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:
 
 
 def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:
-    """Return the turning radius of a drive, metres; None for drives without curves.
+    """Check a drive and return its turning radius, metres, or None.
 
-    Raises InputError as :func:`local_planner`, which also compares the radius with the map's spacing.
+    Drives without curves have no radius. Raises InputError as :func:`local_planner`, which also compares the radius
+    with the map's spacing.
     """
     check_word(drive, "drive", DRIVES)
     if drive != HOLONOMIC and axes != CAR_AXES:
@@ -978,13 +1038,16 @@ def format_point(point: Iterable[float]) -> str:
 
 
 def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the edge of each piece, and its index on that edge; edge k has ``counts[k]`` pieces."""
+    """Return each piece's edge and its index on that edge.
+
+    Edge k has ``counts[k]`` pieces.
+    """
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _segment_offsets(steering: Floats, lengths: Floats, yaws: Floats) -> Floats:
-    """Return the displacements along segments that start at ``yaws``, shape (n, 2), in turning radii."""
+    """Return the displacements along segments, shape (n, 2), in turning radii."""
     after = yaws + steering * lengths
     x = np.where(steering, steering * (np.sin(after) - np.sin(yaws)), lengths * np.cos(yaws))
     y = np.where(steering, steering * (np.cos(yaws) - np.cos(after)), lengths * np.sin(yaws))
@@ -997,5 +1060,5 @@ def _wrap_yaw(yaw: float) -> float:
 
 
 def _shorter_angle(first: float, second: float) -> float:
-    """Return the signed angle from one yaw to another, the shorter way."""
+    """Return the signed shorter angle from one yaw to another."""
     return math.remainder(second - first, TWO_PI)
