@@ -1,4 +1,4 @@
-"""OMPL's callbacks on a certified map: state validity, motion validity and samples of FREE states."""
+"""OMPL's callbacks: validity of states and motions, and FREE samples."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ _DRAWS_PER_BATCH: Final = 256
 
 
 class StateValidityChecker(ob.StateValidityChecker):
-    """Checker of OMPL's states: a state is valid if a certified map, or the geometry of an arm, proves it free.
+    """Checker of OMPL's states, valid if proven free.
 
-    States in MIXED cells of a map are invalid, unless ``exact`` is set and the geometry proves them free.
+    A certified map, or the geometry of an arm, gives the proof. States in MIXED cells of a map are invalid, unless
+    ``exact`` is set and the geometry proves them free.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         return self._clearance(state)
 
     def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
-        """Replace the checks, as the deadline of a plan does; None restores them."""
+        """Replace the checks (at a deadline); None restores them."""
         self._is_free = replacement or self._query_space
         if type(self) is StateValidityChecker:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["isValid"] = self._is_free
@@ -127,18 +128,18 @@ class MotionValidator(ob.MotionValidator):
         self._override(None)
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
-        """Return True if the whole edge between two states is proven free."""
+        """Return True if a motion's whole edge is proven free."""
         return self._is_free(first, second)
 
     def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
-        """Replace the proofs, as the deadline of a plan does; None restores them."""
+        """Replace the proofs (at a deadline); None restores them."""
         self._is_free = replacement or self._query_space
         if type(self) is MotionValidator:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["checkMotion"] = self._is_free
 
 
 class FreeStateSampler(ob.ValidStateSampler):
-    """Sampler of FREE states, uniform over the free area or volume, without rejection.
+    """Uniform sampler of the FREE area or volume, without rejection.
 
     Parameters
     ----------
@@ -147,8 +148,8 @@ class FreeStateSampler(ob.ValidStateSampler):
     space : CSpace
         A map in memory.
     rng : numpy.random.Generator, optional
-        Source of randomness. By default a generator seeded by OMPL's, so that ``ompl.util.RNG.setSeed`` makes the draws
-        repeatable.
+        Source of randomness. The default is a generator seeded by OMPL's, so that ``ompl.util.RNG.setSeed`` makes the
+        draws repeatable.
 
     Raises
     ------
@@ -178,14 +179,15 @@ class FreeStateSampler(ob.ValidStateSampler):
         ConfigurationError
             If the map has no FREE cell.
         """
-        # The map may have been updated since a point was drawn, so each is looked up again.
+        # The map may have been updated since a point was drawn, so each point is tested again.
         self._kind.write(state, *next(point for point in self._points if self._is_free(*point)))
         return True
 
     def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
-        """Set ``state`` to a FREE configuration near another, within a distance along each axis, metres and radians.
+        """Set ``state`` to a FREE configuration near another.
 
-        Returns False if none was found in ``getNrAttempts`` draws; ``state`` is then unchanged.
+        ``distance`` holds along each axis, in metres and radians. Returns False if no draw of ``getNrAttempts`` is
+        FREE; ``state`` is then unchanged.
         """
         center, dim = self._kind.read(near), len(self._box)
         rotations, numbers = self._rotations, self._numbers

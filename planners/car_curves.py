@@ -2,7 +2,7 @@
 
 A *word* is a curve of at most five segments. Each has a steering, 1 (left), -1 (right) or 0 (straight on), and a length
 in turning radii, negative in reverse. The *gap* of a word is the distance between its end and its goal, in turning
-radii and in radians: about 1e-15, or 1e-8 after a root near zero. Words are rows of two arrays, shapes (n, 5).
+radii and in radians. It is about 1e-15, or 1e-8 after a root near zero. Words are rows of two arrays, shapes (n, 5).
 
 References
 ----------
@@ -65,10 +65,10 @@ MIN_PIECE_CELLS = 1.0 / 16.0
 def prove_length(
     map_: Map, kind: int, radius: float, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
 ) -> float:
-    """Return the length, metres, of the shortest curve, or -1 if it does not lie in FREE cells of the grid.
+    """Return the length of the shortest curve; -1 if unproven.
 
-    If the lengths of several curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot
-    may drive any one.
+    The length is in metres; -1 means that the curve does not lie in FREE cells of the grid. If the lengths of several
+    curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may drive any one.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
     if is_swapped(kind, q0, q1):
@@ -124,9 +124,9 @@ def curve_cost(
 def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float) -> bool:
     """Return True if a word lies in FREE cells.
 
-    All configurations within ``spare`` of it, except its ends, must be FREE. A piece of length l lies within l / 2 of
-    its center and turns by at most l / (2 radius) from there, so a box of that size around the center contains it. If
-    the box is not free, the piece is halved, until its center is not free or the piece is shorter than
+    All configurations within ``spare`` of the word, except its ends, must be FREE. A piece of length l lies within
+    l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that size around the center contains it.
+    If the box is not free, the piece is halved, until its center is not free or the piece is shorter than
     ``MIN_PIECE_CELLS``.
     """
     longest, shortest = MAX_PIECE_CELLS * map_.spacing / radius, MIN_PIECE_CELLS * map_.spacing / radius
@@ -154,7 +154,7 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
 
 @jit
 def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
-    """Return the steering, lengths and gap of the shortest word between two configurations."""
+    """Return the shortest word's steering, lengths and gap."""
     steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
     swapped = is_swapped(kind, q0, q1)
     _, gap = find_shortest_words(kind, radius, (q1, q0) if swapped else (q0, q1), -math.inf, steering, lengths)
@@ -165,7 +165,7 @@ def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, F
 
 @kernel
 def reverse(steering: Ints, lengths: Floats) -> None:
-    """Reverse a word in place, so that it leads from its end to its start."""
+    """Reverse a word in place: its end becomes its start."""
     for k in range(3):
         steering[k], steering[4 - k] = steering[4 - k], steering[k]
         lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
@@ -173,9 +173,9 @@ def reverse(steering: Ints, lengths: Floats) -> None:
 
 @kernel
 def is_swapped(kind: int, q0: Pose, q1: Pose) -> bool:
-    """Return True if a curve is computed from its end to its start, and then reversed.
+    """Return True if a curve is computed from its end.
 
-    So the curves of a car that reverses are the same both ways, even if several are equally short.
+    It is then reversed. So the curves of a car that reverses are the same both ways, even if several are equally short.
     """
     if kind == DUBINS or q0[0] < q1[0]:
         return False
@@ -229,7 +229,7 @@ def total_length(lengths: Floats) -> float:
 
 @kernel
 def advance(pose: Pose, turn: int, length: float) -> Pose:
-    """Return the pose at the end of a segment, in turning radii."""
+    """Return the pose, in turning radii, after a segment."""
     x, y, yaw = pose
     if turn == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
@@ -245,14 +245,17 @@ def _around(angle: float) -> float:
 
 @jit
 def _forward_arc(angle: float, snap: float) -> float:
-    """Wrap an arc into [0, 2 pi); arcs within ``snap`` below 2 pi become 0."""
+    """Wrap an arc into [0, 2 pi).
+
+    Arcs within ``snap`` below 2 pi become 0.
+    """
     angle -= TWO_PI * math.floor(angle / TWO_PI)
     return 0.0 if angle > TWO_PI - snap else angle
 
 
 @kernel
 def _gap(steering: Ints, lengths: Floats, goal: Pose) -> float:
-    """Return the larger of the distance, turning radii, and the angle, radians, between a word's end and its goal."""
+    """Return a word's gap, the larger of distance and angle."""
     pose = (0.0, 0.0, 0.0)
     for k in range(5):
         if lengths[k] != 0.0:
@@ -263,7 +266,7 @@ def _gap(steering: Ints, lengths: Floats, goal: Pose) -> float:
 
 @kernel
 def is_new(steering: Ints, lengths: Floats, count: int) -> int:
-    """Return 1 if the word in row ``count`` differs from all words before it, otherwise 0."""
+    """Return 1 if row ``count`` differs from all earlier words."""
     for row in range(count):
         difference = 0.0
         for k in range(5):
@@ -276,7 +279,7 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
 
 @kernel
 def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
-    """Write all words that might lead from the origin to a configuration, and return their number."""
+    """Write all candidate words from the origin; return their number."""
     x, y, phi = goal
     count = 0
     for symmetry in range(4):
@@ -305,7 +308,7 @@ def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) ->
 
 @kernel
 def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
-    """Return the outer arcs of words of four arcs, by formulas of Reeds and Shepp."""
+    """Return outer arcs of four-arc words (Reeds and Shepp)."""
     delta = _around(u - v)
     a, b = math.sin(u) - math.sin(delta), math.cos(u) - math.cos(delta) - 1.0
     t = math.atan2(eta * a - xi * b, xi * a + eta * b)
@@ -317,7 +320,7 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
 
 @kernel
 def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Lengths]:
-    """Return the steering and lengths of a form's word to (x, y, phi); zeros if it cannot reach it."""
+    """Return a form's word to (x, y, phi); zeros if unreachable."""
     half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))
     if form == 0:
         return (1, 0, 0, 0, 0), (phi, 0.0, 0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Names of the planners: OMPL's geometric planners and the built-in searches, with their limits."""
+"""Names and limits of OMPL's geometric planners and the built-in searches."""
 
 from __future__ import annotations
 
@@ -87,9 +87,10 @@ def planner_names() -> tuple[str, ...]:
 
 
 def planner_named(name: str | None, drive: str = "holonomic") -> str:
-    """Return a planner's name, given in any case, as OMPL spells it; None gives the default.
+    """Return a planner's name as OMPL spells it.
 
-    Raises InputError if the name is unknown, or if the planner cannot plan with the drive.
+    The given name may be in any case; None gives the default. Raises InputError if the name is unknown, or if the
+    planner cannot plan with the drive.
     """
     if name is None:
         # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves that arrive.
@@ -112,24 +113,26 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """Create an OMPL planner by name, with its settings in :data:`PLANNER_SETTINGS`."""
+    """Create an OMPL planner by name, with its :data:`PLANNER_SETTINGS`."""
     planner = getattr(og, name)(si)
     PLANNER_SETTINGS.get(name, lambda made: None)(planner)
     return planner
 
 
 def _disable_pruning(planner: Any) -> None:
-    """Switch off the pruning of BIT*, which rebuilds its search tree at every 500th sample.
+    """Switch off the pruning of BIT*.
 
-    Along curves, one such step takes minutes, so the planner would exceed its time limit.
+    Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes minutes, so the planner
+    would exceed its time limit.
     """
     planner.setPruning(False)
 
 
 def _reduce_samples_along_curves(planner: Any) -> None:
-    """Let FMT begin with fewer samples if edges are curves; it draws more if needed.
+    """Let FMT begin with fewer samples along curves.
 
-    A step of FMT measures from each neighbor to all samples, which takes tenths of a second along curves.
+    It draws more if needed. A step of FMT measures from each neighbor to all samples, which takes tenths of a second
+    along curves.
     """
     if isinstance(planner.getSpaceInformation().getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace)):
         planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
@@ -145,8 +148,8 @@ PLANNER_SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {
 
 @cache
 def _planners() -> list[str]:
-    """List the names of OMPL's geometric planners that can be created."""
-    # The bindings give an abstract class no constructor of its own.
+    """List the names of OMPL's concrete geometric planners."""
+    # The bindings define no constructor for an abstract class.
     return [
         name
         for name, kind in vars(og).items()

@@ -26,10 +26,10 @@ MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 
 
 class CostDensity(NamedTuple):
-    """Cost of a metre where a field has some value: ``1 + weight * max(0, offset + slope * value)**2``.
+    """Cost of a metre, by the value of a field.
 
-    A radian of rotation counts as ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of
-    the cost of the whole edge.
+    It is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as ``rotation_weight`` metres.
+    ``by_metre`` selects the mean cost of a metre, instead of the cost of the whole edge.
     """
 
     offset: float
@@ -40,7 +40,7 @@ class CostDensity(NamedTuple):
 
 
 def value_at(field: Field, map_: Map, q: Numbers) -> float:
-    """Return the value of a field at a configuration; compiled code dispatches on the field's type."""
+    """Return a field's value; compiled code dispatches on its type."""
     raise NotImplementedError
 
 
@@ -90,7 +90,7 @@ def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numb
 
 
 def make_edge_cost(space: CSpace, field: Field, density: CostDensity) -> Callable[..., float]:
-    """Make ``cost(*q0, *q1)``, the cost of straight edges of a map."""
+    """Make ``cost(*q0, *q1)``, the cost of straight edges."""
     fixed = (space._kernel_map, field, density)
     query = bind_kernel(straight_edge_cost, fixed, (0.0,) * (2 * space.size))
     return lambda *endpoints: query(endpoints)

@@ -1,8 +1,8 @@
-"""Search on a lattice of headings, for robots that turn on the spot and for cars.
+"""Search on a lattice of headings, for non-holonomic drives.
 
-Two searches run, one after the other. The first runs on the grid, from the goal, through FREE cells alone: a robot
-drives from cell to cell along one of its headings, and turns on the spot from one heading to the next. It gives the
-cost to the goal from every cell and heading. The second runs from the start and is guided by these costs. It keeps one
+Two searches run, one after the other. The first runs on the grid, from the goal, through FREE cells alone. There, a
+robot drives from cell to cell along its heading, and turns on the spot to the next heading. It gives the cost to the
+goal from every cell and heading. The second runs from the start and is guided by these costs. It keeps one
 configuration for each cell and heading (hybrid A*), so positions are not rounded, and the map proves each motion. Then
 :func:`shorten_path` shortens the path.
 
@@ -131,18 +131,21 @@ class Cells(NamedTuple):
     angles: Floats  # of each heading, the cost of the turn to the next one
     reverse_weight: float  # cost of a drive in reverse over that ahead; infinite if the robot does not reverse
     start: int  # state at which the search ends
-    angles_to_start: Floats  # of each heading, the least cost of turning to that of the start
+    angles_to_start: Floats  # of each heading, the least cost of turning to the start's heading
     margin: float  # cost by which the search goes on past the start
 
 
 class Lattice(NamedTuple):
-    """Motions of a robot, m from each of h headings, and costs to its goal, in metres."""
+    """Motions of a robot, and costs to its goal.
+
+    Each of h headings has m motions. Costs are in metres.
+    """
 
     kind: int  # of a car's curves, see planners.car_curves; -1 for robots that turn on the spot
     reverses: bool
     headings: Floats  # yaws, radians
     radius: float  # turning radius
-    side: float  # of the cells, each of which holds one configuration for each heading
+    side: float  # of the cells; a cell holds one configuration for each heading
     next_heading: Ints  # (h, m), the heading after each motion
     offsets: Floats  # (h, m, 2), the displacement along each motion
     costs: Floats  # (h, m)
@@ -151,12 +154,12 @@ class Lattice(NamedTuple):
     goal: Pose
     nearest: Ints  # of each heading, the nearest heading of the table
     columns: int  # headings of the table
-    unreached: float  # added to the straight distance to the goal where the table is 0
+    unreached: float  # added to the straight distance to the goal if the table is 0
     table: Costs  # of each state of Cells, the cost to the goal plus 1, in cells, of either sign; 0 if not reached
 
 
 class Nodes(NamedTuple):
-    """Configurations reached, and the queue of nodes; -1 stands for none."""
+    """Configurations reached, and their queue; -1 stands for none."""
 
     poses: Floats  # (n, 3)
     keys: Ints  # (n, 2), hash key of the cell and heading, and heading
@@ -169,10 +172,10 @@ class Nodes(NamedTuple):
 
 
 def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float) -> tuple[Floats, str]:
-    """Find a path on a lattice for a map in memory, and shorten it.
+    """Find a path on a lattice, and shorten it.
 
-    Returns configurations (x, y, yaw), shape (n, 3), where n is 0 if no path is found in time, and a note that names a
-    lattice that has no path.
+    The map is in memory. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the search finds no path in
+    time, n is 0. The note names a lattice that has no path.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     if edges.edge_checker()(*start, *goal):
@@ -203,10 +206,10 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, s
 
 
 def _list_headings(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
-    """List the headings of a lattice, which include the yaws of start and goal.
+    """List a lattice's headings, with the yaws of start and goal.
 
-    Returns their yaws, ascending; the cells along x and y of a drive along each, shape (h, 2), which at the yaw of
-    start or goal is only near that yaw; and whether only start or goal has that yaw.
+    Returns the yaws, ascending; the drive along each, in cells along x and y, shape (h, 2); and whether only start or
+    goal has it. A drive at the yaw of start or goal is only near that yaw.
     """
     steps = _list_steps(MAX_STEP_CELLS)
     yaws, extra_yaws = _yaws(steps), np.unique([q[2] for q in endpoints])
@@ -219,13 +222,16 @@ def _list_headings(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
 
 
 def _list_steps(max_cells: int) -> Ints:
-    """List a drive for each direction: coprime cells along x and y of at most `max_cells`, shape (n, 2)."""
+    """List a drive for each direction, shape (n, 2).
+
+    Drives are coprime numbers of cells along x and y, at most `max_cells`.
+    """
     steps = itertools.product(range(-max_cells, max_cells + 1), repeat=2)
     return np.array([step for step in steps if math.gcd(*step) == 1])
 
 
 def _yaws(steps: Ints) -> Floats:
-    """Return the yaws, radians, of drives by cells along x and y, shape (n, 2)."""
+    """Return the yaws, radians, of drives, shape (n, 2)."""
     return wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
 
 
@@ -274,10 +280,11 @@ def _spread_costs(
 
 
 def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Words, Words]:
-    """Mark where the robot may stay, and where it may turn to the next heading, a bit for each heading.
+    """Mark free places and turns, a bit for each heading.
 
-    Cars may turn at cells that are FREE at both headings, because they turn as they drive. Other robots turn on the
-    spot, so all rotation cells between the headings must be FREE. Both arrays have shape (nx + 2 PAD, ny + 2 PAD).
+    The first array marks places at which the robot may stay, the second marks turns to the next heading. Cars may turn
+    at cells that are FREE at both headings, because they turn as they drive. Other robots turn on the spot, so all
+    rotation cells between the headings must be FREE. Both arrays have shape (nx + 2 PAD, ny + 2 PAD).
     """
     space, is_car = edges.space, edges.turning_radius is not None
     free, turns = np.zeros((2, *(n + 2 * PAD for n in space.grid.shape)), dtype=np.uint64)
@@ -295,9 +302,10 @@ def _mark_free_places(edges: EdgesOnMap, yaws: Floats, until: float) -> tuple[Wo
 
 
 def _touched_cells(dx: int, dy: int) -> list[tuple[int, int]]:
-    """List the cells that a drive from the center of cell (0, 0) to that of (dx, dy) touches between its ends.
+    """List the cells that a drive touches between its ends.
 
-    Cells are closed: a segment through a corner touches all four cells.
+    The drive leads from the center of cell (0, 0) to the center of cell (dx, dy). Cells are closed: a segment through a
+    corner touches all four cells.
     """
     xs, ys = range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)
     box = [cell for cell in itertools.product(xs, ys) if cell not in ((0, 0), (dx, dy))]
@@ -314,9 +322,10 @@ Motions = tuple[Floats, float, float, Ints, Floats, Floats, Ints, Floats]
 
 
 def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw: Bools) -> Motions:
-    """List turns to the next headings, and drives ahead and perhaps in reverse.
+    """List the motions of a robot that turns on the spot.
 
-    The arguments are the results of :func:`_list_headings`.
+    These are turns to the next headings, and drives ahead and perhaps in reverse. The arguments are the results of
+    :func:`_list_headings`.
     """
     spacing, moves = edges.space.grid.spacing, 3 + _reverses(edges)
     # At the yaw of start or goal, a step as long as a cell's diagonal leaves the cell.
@@ -331,9 +340,10 @@ def _spot_motions(edges: EdgesOnMap, yaws: Floats, steps: Ints, is_endpoint_yaw:
 
 
 def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
-    """List the motions of a car: arcs to the next headings, and drives straight on, ahead or in reverse.
+    """List the motions of a car.
 
-    ``level`` is an index into :data:`CAR_HEADINGS`; the first heading is the start's.
+    These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is an index into
+    :data:`CAR_HEADINGS`; the first heading is the start's.
     """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
@@ -344,7 +354,7 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
     steering, signs = np.tile([1, -1, 0], 2)[:moves], np.repeat([1, -1], 3)[:moves]
     metres = signs * np.where(steering, arc * radius, straight)
     next_heading = (np.arange(count)[:, None] + steering * signs) % count
-    # Along an arc to the left of radius r, x changes by r (sin b - sin a), y by r (cos a - cos b); a right arc has -r.
+    # Along an arc to the left of radius r, x changes by r (sin b - sin a), y by r (cos a - cos b). A right arc has -r.
     before, after, signed_radius = yaws[:, None], yaws[next_heading], steering * radius
     x = np.where(steering, signed_radius * (np.sin(after) - np.sin(before)), metres * np.cos(before))
     y = np.where(steering, signed_radius * (np.cos(before) - np.cos(after)), metres * np.sin(before))
@@ -355,9 +365,9 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
 
 
 def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, until: float) -> Nodes:
-    """Search from the start until a path is found, `max_nodes` are reached or no node is left.
+    """Search from the start for a path to the goal.
 
-    Raises TimeoutError after ``until``.
+    The search ends with a path, at `max_nodes` nodes, or if no node is left. Raises TimeoutError after ``until``.
     """
     map_, capacity = edges.space._kernel_map, INITIAL_LATTICE_NODES
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
@@ -380,7 +390,7 @@ def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, un
 
 
 def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
-    """Return the path found, shape (n, 3); consecutive drives along one heading become one edge."""
+    """Return the path, shape (n, 3), merging drives along one heading."""
     node, rows, later_move = int(nodes.counts[LAST_NODE]), [lattice.goal], -1
     while node >= 0:
         parent, move = nodes.links[node, :2].tolist()
@@ -391,9 +401,10 @@ def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
 
 
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
-    """Shorten a path, shape (n, 3), by proven edges between its waypoints and points between them.
+    """Shorten a path, shape (n, 3), by proven edges.
 
-    The result is the cheapest such path; after ``until``, no more shortcuts are sought.
+    The edges join waypoints, and points between waypoints. The result is the cheapest such path; after ``until``, no
+    more shortcuts are sought.
     """
     check, given = edges.edge_checker(), path
     for _ in range(SHORTENING_ROUNDS):
@@ -417,9 +428,10 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
 
 
 def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
-    """Insert about POINTS_PER_PATH points on the drives of a path along which the yaw is constant.
+    """Insert points on the drives of a path.
 
-    A car's path is returned as it is, because a part of its curve need not be a shortest curve.
+    About POINTS_PER_PATH points are spread over the path; only drives of constant yaw get them. A car's path is
+    returned as it is, because a part of its curve need not be a shortest curve.
     """
     steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
     rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
@@ -430,7 +442,7 @@ def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
 
 
 def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
-    """Return the costs, shape (n,), of edges from `starts`, shape (n, 3), to `end`, shape (3,)."""
+    """Return the costs, shape (n,), of edges from `starts` to `end`."""
     if edges.turning_radius is None:
         return edges.edge_lengths(starts, np.tile(end, (len(starts), 1)))
     costs = np.empty(len(starts))
@@ -440,11 +452,12 @@ def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
 
 @kernel
 def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, counts: Ints) -> bool:
-    """Expand states from the goal; return True when done, False when the caller must add memory.
+    """Expand states from the goal; return True when done.
 
-    ``table`` is that of :class:`Lattice`, negative where a state was expanded. ``entries``, shape (n, 2), holds queued
-    states, and the next entry in the same bucket; ``buckets`` the first entry of each bucket; -1 stands for none.
-    ``counts`` holds the numbers of entries used and waiting, the first entry to use again, and the lowest bucket.
+    After False, the caller checks the time, adds memory if needed, and calls again. ``table`` is as in
+    :class:`Lattice`, and negative for expanded states. ``entries``, shape (n, 2), holds queued states, and the next
+    entry in the same bucket. ``buckets`` holds the first entry of each bucket; -1 stands for none. ``counts`` holds the
+    numbers of entries used and waiting, the first entry to use again, and the lowest bucket.
     """
     free, turns, touched, width, one = cells.free, cells.turns, cells.touched, cells.width, np.uint64(1)
     headings, start = len(cells.steps), cells.start // len(cells.steps)
@@ -516,7 +529,10 @@ def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None
 
 @jit
 def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
-    """Expand nodes from the start; return True when done, False when the caller must add memory."""
+    """Expand nodes from the start; return True when done.
+
+    After False, the caller checks the time, adds memory if needed, and calls again.
+    """
     counts, links, goal, is_car = nodes.counts, nodes.links, lattice.goal, lattice.kind >= 0
     for _ in range(NODES_PER_CLOCK_CHECK):
         while counts[NODES_WAITING] > 0 and nodes.buckets[counts[LOWEST_BUCKET]] < 0:
@@ -530,7 +546,7 @@ def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
         nodes.buckets[counts[LOWEST_BUCKET]] = links[node, 2]
         counts[NODES_WAITING] -= 1
         cost, heading = nodes.costs[node], nodes.keys[node, 1]
-        if cost == math.inf:  # a cheaper path into its cell was found since
+        if cost == math.inf:  # a cheaper path has entered its cell since
             continue
         counts[NODES_EXPANDED] += 1
         # Near the goal, and from some nodes far from it, one edge may lead to the goal itself.
@@ -556,10 +572,10 @@ def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
 
 @jit
 def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost: float, parent: int, move: int) -> None:
-    """Add a configuration, if its motion ``move`` from node ``parent`` (-1 for the start) is proven free.
+    """Add a configuration if its motion is proven free.
 
-    It is left out if its cell and heading have a cheaper node, or if its path, which costs ``cost``, cannot beat the
-    best.
+    The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if its cell and
+    heading have a cheaper node, or if its path, which costs ``cost``, cannot beat the best.
     """
     i, j = math.floor((q[0] - map_.lower[0]) / lattice.side), math.floor((q[1] - map_.lower[1]) / lattice.side)
     key = ((i << KEY_BITS) + j) * len(lattice.headings) + heading
@@ -594,7 +610,7 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
 
 @kernel
 def _slot(nodes: Nodes, key: int) -> int:
-    """Return the slot of a key in the hash table, or the empty slot where it belongs."""
+    """Return the hash table's slot for a key, perhaps empty."""
     slot = (key * HASH_FACTOR >> 20) & (len(nodes.table) - 1)
     while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot], 0] != key:
         slot = (slot + 1) & (len(nodes.table) - 1)
@@ -603,14 +619,20 @@ def _slot(nodes: Nodes, key: int) -> int:
 
 @kernel
 def rehash(nodes: Nodes) -> None:
-    """Enter all nodes into the empty hash table; of a cell and heading, the last is the cheapest."""
+    """Enter all nodes into the empty hash table.
+
+    The last node of a cell and heading stays, because it is the cheapest.
+    """
     for node in range(nodes.counts[NODE_COUNT]):
         nodes.table[_slot(nodes, nodes.keys[node, 0])] = node
 
 
 @jit
 def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
-    """Estimate the cost to the goal, metres, by the straight distance and the table, near it by a car's curve."""
+    """Estimate the cost to the goal, metres.
+
+    The estimate is the largest of the straight distance, the table's cost and, near the goal, a car's curve.
+    """
     rows, columns = map_.states.shape[1], map_.states.shape[2]
     i = min(math.floor((q[0] - map_.lower[0]) / map_.spacing), rows - 1) + PAD
     j = min(math.floor((q[1] - map_.lower[1]) / map_.spacing), columns - 1) + PAD
@@ -624,7 +646,7 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
 
 @jit
 def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
-    """Return the cost of the edge from `q` to the goal, metres; infinite if it is not proven free."""
+    """Return an edge's cost to the goal; infinite if unproven."""
     (x, y, yaw), goal = q, lattice.goal
     if lattice.kind >= 0:
         proven = prove_length(map_, lattice.kind, lattice.radius, x, y, yaw, goal[0], goal[1], goal[2]) >= 0.0
@@ -647,20 +669,23 @@ def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
 
 @kernel
 def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
-    """Return True if a straight edge is proven free; compiled once, because edge_is_free is long."""
+    """Return True if a straight edge is proven free.
+
+    This wrapper is compiled once, because edge_is_free is long.
+    """
     return edge_is_free(map_, None, q0, q1)
 
 
 @jit
 def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
-    """Write the costs, metres, of shortest curves from `starts`, shape (n, 3), to `end` into `out`."""
+    """Write the costs, metres, of curves from `starts` to `end`."""
     for k in range(len(starts)):
         out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
 
 
 @jit
 def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
-    """Return the cost of a car's shortest curve, metres, with REVERSE_WEIGHT and SWITCH_RADII."""
+    """Return the cost of a car's shortest curve, metres."""
     _, lengths, _ = shortest_word(kind, radius, q0, q1)
     total, previous = 0.0, 0.0
     for length in lengths:

@@ -42,8 +42,8 @@ class WeightedLength(ob.OptimizationObjective):
         From a :func:`planners.state_space`.
     space : CSpace
     field : OccupancyBits or ndarray of float64, optional
-        Source of the value: occupancy bits of the map, for the clearance, or an array of the shape of the map's states.
-        By default the objective is the plain length.
+        Source of the value. Occupancy bits of the map give the clearance; an array has the shape of the map's states.
+        The default is the plain length.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
     weight : float
@@ -57,7 +57,7 @@ class WeightedLength(ob.OptimizationObjective):
         If ``weight`` is negative or not finite; and as :func:`planners.state_space`.
     """
 
-    # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
+    # A StateCostIntegralObjective would do the integral, but the bindings never call its Python subclasses.
 
     def __init__(
         self,
@@ -103,11 +103,11 @@ class WeightedLength(ob.OptimizationObjective):
 
     @cached_property
     def _by_metre(self) -> Callable[..., float]:
-        """Function that returns the cost per metre at a configuration."""
+        """Cost per metre at a configuration, as a function."""
         return make_edge_cost(self._space, self._field, self._density._replace(by_metre=True))
 
     def _override(self, replacement: Callable[[ob.State, ob.State], float] | None) -> None:
-        """Replace the cost of edges, as a plan does that has run out of time; None restores it."""
+        """Replace the cost of edges (at a deadline); None restores it."""
         self._cost = replacement or self._integrate
 
 
@@ -122,8 +122,8 @@ class ClearanceObjective(WeightedLength):
     si, space, weight, drive, turning_radius
         As for :class:`WeightedLength`; the penalty is one at clearance zero.
     clearance_threshold : float, optional
-        Clearance, in metres, above which a path costs its length. By default the longest side of the robot's bounding
-        box.
+        Clearance, in metres, above which a path costs its length. The default is the longest side of the robot's
+        bounding box.
 
     Raises
     ------
@@ -159,19 +159,20 @@ class ClearanceObjective(WeightedLength):
 
 
 class OverlapObjective(WeightedLength):
-    """Length whose metres cost more at larger overlap, which pushes paths smoothly away from obstacles.
+    """Length whose metres cost more at larger overlap.
 
-    A metre of path at overlap c costs ``1 + weight * (c / saturation)**2``. The overlap is the field's, between balls
-    of robot and obstacles. Grown balls overlap before the shapes touch.
+    The objective pushes paths smoothly away from obstacles. A metre of path at overlap c costs ``1 + weight * (c /
+    saturation)**2``. The overlap is the field's, between balls of robot and obstacles. Grown balls overlap before the
+    shapes touch.
 
     Parameters
     ----------
     si, space, weight, drive, turning_radius
         As for :class:`WeightedLength`; the penalty is one at overlap ``saturation``.
     field : cspace.spectral.OverlapField, optional
-        Field of the same map. By default the field of the map; see :meth:`cspace.CSpace.with_overlap_field`.
+        Field of the same map. The default is the field of the map; see :meth:`cspace.CSpace.with_overlap_field`.
     saturation : float, optional
-        Overlap, in square or cubic metres. By default the largest overlap in a FREE cell.
+        Overlap, in square or cubic metres. The default is the largest overlap in a FREE cell.
 
     Raises
     ------
@@ -203,15 +204,15 @@ class OverlapObjective(WeightedLength):
 
 
 def default_clearance_threshold(space: CSpace) -> float:
-    """Return the longest side of the robot's bounding box, but at least one cell, in metres."""
+    """Return the robot's longest side, metres, at least one cell."""
     lower, upper = space.robot.shape.outer.bounds
     return max(float((upper - lower).max()), space.grid.spacing)
 
 
 def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, seconds: float) -> Floats:
-    """Find a path through FREE cells whose cost by :class:`ClearanceObjective` is low.
+    """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
 
-    Returns waypoints, shape (n, size), where n is 0 if no path is found in time. If not ``straight``, these are the
+    Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not ``straight``, these are the
     centers of a chain of cells.
     """
     space, threshold = edges.space, default_clearance_threshold(edges.space)
@@ -225,7 +226,10 @@ def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, sec
 
 
 def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:
-    """Return the local planner of a map; raise InputError for an arm, and as state_space."""
+    """Return the local planner of a map.
+
+    Raises InputError for an arm, and as :func:`planners.state_space`.
+    """
     edges = local_planner(space, False, drive, turning_radius)
     if not isinstance(edges, EdgesOnMap):
         hint = "use the length, or a function that returns an objective"
@@ -234,7 +238,7 @@ def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | 
 
 
 def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapField:
-    """Return ``field`` or, by default, the overlap field that the map carries.
+    """Return ``field``, by default the overlap field of the map.
 
     Raises InputError if there is neither, or the field belongs to another map.
     """
@@ -249,7 +253,7 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
 
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
-    """Return the largest overlap in a FREE cell, or 1 if no overlap is above zero."""
+    """Return the largest overlap in a FREE cell; 1 if none."""
     parts = zip(field.cells, space.slice_rotations, strict=True)
     largest = max(float(values[space.states_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
     return largest if largest > 0.0 else 1.0

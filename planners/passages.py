@@ -1,8 +1,8 @@
-"""Paths along chains of cells, for passages that samples of the whole space hardly ever hit.
+"""Paths along chains of cells, for narrow passages.
 
-If the map cannot decide whether a path exists, every path follows a chain of FREE and MIXED cells. Samples cross the
-MIXED stretches of such a chain: they are drawn in and around each cell and moved from one cell to the next, and exact
-geometry proves them free and joins them.
+Samples of the whole space hardly ever hit such passages. If the map cannot decide whether a path exists, every path
+follows a chain of FREE and MIXED cells. Samples cross the MIXED stretches of such a chain. They are drawn in and around
+each cell and moved from one cell to the next; exact geometry proves them free and joins them.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class Passages:
     until: float  # reading of the clock at which the search ends
 
     def find(self, endpoints: Endpoints) -> Floats:
-        """Find a path between two configurations; shape (n, size), where n is 0 if none is found in time."""
+        """Find a path between two configurations, shape (n, size).
+
+        If the search finds no path in time, n is 0.
+        """
         space, ends = self.edges.space, np.array(endpoints[:2])
         first, last = np.column_stack([space.rotations._cells_of(ends), space.grid.cell_of(ends[:, : space.grid.dim])])
         closed = np.zeros((len(space.rotations), *space.grid.shape), dtype=np.bool_)
@@ -70,7 +73,7 @@ class Passages:
         """
         path = np.concatenate([ends[:1], self._centers(chain), ends[1:]])
         chain = chain[[0, *range(len(chain)), -1]]
-        # The centers of FREE cells are joined by edges, except where an edge leaves its two cells.
+        # The centers of FREE cells are joined by edges, unless an edge leaves its two cells.
         is_hard = np.asarray(self.edges.space.classify(path)) != FREE
         is_hard[1:] |= ~self.edges.edges_are_free(path)
         near = np.convolve(is_hard, np.ones(2 * APPROACH_CELLS + 1))[APPROACH_CELLS:-APPROACH_CELLS] > 0
@@ -86,9 +89,10 @@ class Passages:
         return np.concatenate(rows)
 
     def _cross(self, cells: Ints, begin: Floats, end: Floats, closed: Bools) -> Floats:
-        """Find a path of exact edges through cells, without its begin; close cells and return no rows if it breaks off.
+        """Find a path of exact edges through cells.
 
-        Layer by layer, free configurations are drawn in each cell, with an exact edge from one in the cell before.
+        The path leaves ``begin`` out. If it breaks off, close cells and return no rows. Layer by layer, free
+        configurations are drawn in each cell, with an exact edge from one in the cell before.
         """
         layers, parents = [begin[None]], [np.zeros(1, dtype=np.int64)]
         for before, cell in itertools.pairwise(cells):
@@ -109,7 +113,7 @@ class Passages:
         return np.array(path[::-1])
 
     def _select_free(self, drawn: Floats) -> Floats:
-        """Return at most MAX_FREE_DRAWS_PER_CELL free configurations, found before time is over."""
+        """Return at most MAX_FREE_DRAWS_PER_CELL free draws, until time is over."""
         drawn, free = self.rng.permutation(drawn), drawn[:0]
         for part in np.array_split(drawn, max(1, len(drawn) // DRAWS_PER_CLOCK_CHECK)):
             if len(free) >= MAX_FREE_DRAWS_PER_CELL or clock() > self.until:
@@ -118,7 +122,10 @@ class Passages:
         return free[:MAX_FREE_DRAWS_PER_CELL]
 
     def _find_parents(self, starts: Floats, ends: Floats) -> Ints:
-        """Return the index of the first start that an exact edge joins to each end; -1 for none before time is over."""
+        """Return the index of the start joined to each end.
+
+        It is the first start with an exact edge, or -1 without one in time.
+        """
         parents = np.full(len(ends), -1)
         for index, start in enumerate(starts):
             left = np.flatnonzero(parents < 0)
@@ -130,7 +137,7 @@ class Passages:
     def _draw(self, cell: Ints, before: Ints, reached: Floats) -> Floats:
         """Draw configurations around a cell.
 
-        Half of them are uniform. The others were reached in the cell before, and are moved along.
+        Half are uniform. The others were reached in the cell before, and are moved along.
         """
         space, rng, half = self.edges.space, self.rng, DRAWS_PER_CELL // 2
         rotations, dim, centers = space.rotations, space.grid.dim, self._centers(np.stack([before, cell]))
@@ -145,7 +152,7 @@ class Passages:
         return np.concatenate([rotations._add_steps(reached[rng.integers(len(reached), size=half)], steps), uniform])
 
     def _centers(self, cells: Ints) -> Floats:
-        """Return the centers of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., size)."""
+        """Return the centers, shape (..., size), of cells ``(rotation, x, ...)``."""
         space = self.edges.space
         rotations = space.rotations.centers[cells[..., 0]]
         return np.concatenate([space.grid.center_of(cells[..., 1:]), rotations], axis=-1)

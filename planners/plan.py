@@ -1,4 +1,4 @@
-"""plan: from a map, a start and a goal to a checked path."""
+"""plan: find a checked path from start to goal."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Choices(NamedTuple):
 
 
 def choices(space: ConfigurationSpace) -> Choices:
-    """List the options of :func:`plan` that a space supports, e.g. for a form.
+    """List the options of :func:`plan` for a space.
 
     Parameters
     ----------
@@ -140,13 +140,13 @@ def plan(
     drive: str = HOLONOMIC,
     turning_radius: float | None = None,
 ) -> Plan:
-    """Find a path on a map or for an arm, with any geometric planner of OMPL, and prove it.
+    """Find and prove a path on a map or for an arm.
 
-    On a map of (x, y, yaw) the robot may move sideways, unless ``drive`` restricts it: "differential" is for robots
-    that turn on the spot and drive straight on, as most mobile robots do.
+    Any geometric planner of OMPL may search. On a map of (x, y, yaw) the robot may move sideways, unless ``drive``
+    restricts it. "differential" is for robots that turn on the spot and drive straight on, as most mobile robots do.
 
-    No search is run if the map proves that no path exists, or if the objective is the length and the single edge from
-    start to goal is free. OMPL's messages are held back while it runs.
+    No search is run if the map proves that no path exists. Nor is one run if the objective is the length and the single
+    edge from start to goal is free. OMPL's messages are held back while it runs.
 
     *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map also computes
     components and free blocks and compiles functions; these times are not limited, see :attr:`Plan.times`.
@@ -165,26 +165,26 @@ def plan(
     the path are not wrapped, so that straight motions join its rows. Drives, "Grid", "MaxClearance", "clearance" and
     "overlap" are for maps.
 
-    *Default.* Unless a planner, another objective or ``iterations`` is given, built-in searches go first if FREE cells
-    join start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane no path through FREE cells is
+    *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if FREE cells join
+    start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane no path through FREE cells is
     shorter, in other spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes
     over if "Grid" has no path after half the time limit, or "Lattice" has none.
 
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
     planner and sampler made afterwards draws its own seed, and the random starts of poses. So the same call with the
-    same seed gives the same path, in any process and after any other plans. Exceptions are searches that the clock ends
-    (give ``iterations`` to planners that use up the time limit), PRM and PRMstar, which search in a second thread, and
-    OMPL used by other threads at the same time.
+    same seed gives the same path, in any process and after any other plans. Searches that the clock ends are an
+    exception: give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search in a
+    second thread, and OMPL used by other threads at the same time.
 
     Parameters
     ----------
     space : CSpace, TiledCSpace or ArmSpace
     start, goal : array-like, shape (size,)
-        Configurations: one number for each joint of an arm, or ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
-        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
-        also be a :class:`cspace.PoseGoal`, or a choice of goals: several configurations, shape (n, size), or a list
-        with pose goals. Goals that are not proven free are dropped, and the path ends at one of the others,
-        :attr:`Plan.goal`. PRM and PRMstar take one configuration.
+        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``, ``(x, y,
+        z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may also be a
+        :class:`cspace.PoseGoal`, or several goals: configurations, shape (n, size), or a list with pose goals. Goals
+        that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`. PRM and PRMstar
+        take one configuration.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search. The
         default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
@@ -204,10 +204,11 @@ def plan(
     time_limit : float
         Seconds after which the search ends. Simplification then has another 0.1 s.
     iterations : int, optional
-        Largest number of checks of OMPL's termination condition, about one for each iteration of the planner; of
-        BiRRT's further searches for a shorter path. Not for PRM, PRMstar and the built-in searches of maps.
+        Largest number of checks of OMPL's termination condition, about one for each iteration of the planner. For
+        BiRRT, the largest number of further searches for a shorter path. Not for PRM, PRMstar and the built-in searches
+        of maps.
     simplify : bool
-        Whether to shorten the path. The result is kept only if it is certified and no worse by the objective.
+        Whether to shorten the path. The result replaces the path only if it is certified and no worse by the objective.
     seed : int, optional
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance", "overlap"} or callable
@@ -216,14 +217,15 @@ def plan(
         the map carries. A callable takes the space information and returns an ``ompl.base.OptimizationObjective``. The
         length counts a radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
 
-        Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar, and with a time limit
-        of many seconds for FMT and BFMT, which compute the cost between all pairs of near samples. Each of these must
-        beat the cheapest of a few paths that RRTConnect finds in a tenth of the time. Other planners are refused.
+        Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar. FMT and BFMT take them
+        with a time limit of many seconds, because they compute the cost between all pairs of near samples. Each of
+        these must beat the cheapest of a few paths that RRTConnect finds in a tenth of the time. Other planners are
+        refused.
     exact : bool
         Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages hardly wider than the
         robot; slower. "Grid" tests the centers of MIXED cells on its way. If it finds no path, the map is undecided and
-        the robot holonomic, samples cross the MIXED cells of a chain of cells, also if RRT, RRTConnect or a relative of
-        KPIECE finds none at once; this can take seconds. Not for curves.
+        the robot holonomic, samples cross the MIXED cells of a chain of cells. The same happens if RRT, RRTConnect or a
+        relative of KPIECE finds none at once. This can take seconds. Not for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion of the robot along an edge, which is proven along that motion. All but the first are for maps of
         (x, y, yaw), with the reference point in the middle of the axle that does not steer.
@@ -242,12 +244,12 @@ def plan(
     Raises
     ------
     ConfigurationError
-        If start or goal lies outside the map, is not FREE (with ``exact``, not proven free by the geometry either), or
-        lies on the border of a cell that is not FREE. The message names the nearest FREE configuration, which is also
-        the error's ``nearest``. Also if no configuration found for a pose is within its tolerance (the message says how
-        far the nearest pose reached is), or if all that were found collide.
+        If start or goal lies outside the map or is not FREE (with ``exact``, not proven free by the geometry either).
+        Also if it lies on the border of a cell that is not FREE. The message names the nearest FREE configuration,
+        which is also the error's ``nearest``. Also if no configuration found for a pose is within its tolerance, or if
+        all of these collide. In the first case, the message says how far the nearest pose reached is.
     InputError
-        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown; or the
+        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown. Also if the
         space, planner, objective, drive and other options do not go together.
 
     Warns
@@ -313,12 +315,12 @@ class _Task:
     is_named: bool  # whether the user chose the planner
 
     def search_on(self, part: ConfigurationSpace) -> Search:
-        """Return the search, with the objective of a part of the space."""
+        """Return the search, with the objective for a part."""
         return replace(self.search, objective=_make_objective(part, self.objective, self.search.planner, self.edges))
 
 
 def _check_built_in_search(task: _Task) -> None:
-    """Raise InputError if a built-in search does not support the space or another option."""
+    """Raise InputError if a built-in search does not support the task."""
     edges, name = task.edges, task.search.planner
     if (name == BIRRT) != (BIRRT in edges.built_in_searches):
         rule, hint = f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps", "leave planner out"
@@ -347,7 +349,7 @@ def _check_built_in_search(task: _Task) -> None:
 
 
 def _check_iterations(value: int | None, planner: str) -> int | None:
-    """Return the number of iterations; raise InputError if it is none, or the planner cannot count them."""
+    """Check the number of iterations for a planner."""
     if value is None:
         return None
     count = check_count(value, "iterations", 1, 2**62)
@@ -360,7 +362,7 @@ def _check_iterations(value: int | None, planner: str) -> int | None:
 def _make_objective(
     space: ConfigurationSpace, objective: str | MakeObjective, planner: str, edges: LocalPlanner
 ) -> MakeObjective | None:
-    """Return the function that makes the objective; None for OMPL's own, the length."""
+    """Return the maker of the objective; None for OMPL's length."""
     drive, radius = edges.drive, edges.turning_radius
     if objective == "length":
         if drive not in ON_THE_SPOT:
@@ -385,7 +387,10 @@ def _make_objective(
 
 
 def _prefer_built_in(task: _Task) -> _Task:
-    """Choose a built-in search with OMPL's default planner as fallback, unless another option needs OMPL."""
+    """Choose a built-in search with OMPL's default as fallback.
+
+    The task stays unchanged if another option needs OMPL.
+    """
     edges, search = task.edges, task.search
     is_holonomic = edges.drive == HOLONOMIC
     if task.is_named or not isinstance(edges, EdgesOnMap) or (task.objective, search.iterations) != ("length", None):
@@ -396,7 +401,7 @@ def _prefer_built_in(task: _Task) -> _Task:
 
 
 def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exists: bool | None) -> SearchResult:
-    """Search one part of the space after the other, join the paths, and prove their edges.
+    """Search tile by tile, join the paths, prove the edges.
 
     The first part without a proven path ends the search. There are no parts if a path cannot exist.
     """
@@ -426,10 +431,10 @@ def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exi
 
 
 def _skip_waypoints(space: ConfigurationSpace, path: Floats) -> Floats:
-    """Skip waypoints of a path, shape (n, size), by free edges.
+    """Skip waypoints, shape (n, size), by free edges.
 
-    From each waypoint, the edge to the farthest of the next ones is taken. They are proven in one batch, because a
-    single look-up in tiles takes as long.
+    From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are proven in one batch,
+    because a single look-up in tiles takes as long.
     """
     kept = [0]
     while kept[-1] < len(path) - 1:
@@ -443,7 +448,7 @@ def _skip_waypoints(space: ConfigurationSpace, path: Floats) -> Floats:
 def _search(
     search: Search, edges: LocalPlanner, endpoints: Endpoints, exists: bool | None, limit: float
 ) -> SearchResult:
-    """Search a path in a space in memory: by a built-in search, by OMPL, or along a chain of cells."""
+    """Search for a path in a space in memory."""
     if endpoints[0] in endpoints[1:]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
     stops_at_first_path = search.planner in PLANNERS_WITHOUT_OBJECTIVE and search.iterations is None
@@ -462,7 +467,7 @@ def _search(
 
 
 def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float) -> SearchResult:
-    """Search by a built-in search; "Grid" with a fallback gets a share of the time limit."""
+    """Run a built-in search; "Grid" leaves time for a fallback."""
     # A search from the start to itself fills the caches of the map, which the time limit leaves out.
     edges.search(replace(search, simplify=False), (endpoints[0], endpoints[0]), limit)
     seconds = limit
@@ -475,7 +480,7 @@ def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, 
 
 
 def _search_passages(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
-    """Search by OMPL, then along chains of FREE and MIXED cells, then by OMPL again."""
+    """Search by OMPL, along chains of cells, by OMPL again."""
     result = search.run(edges, endpoints, min(FIRST_SLOT_SHARE * limit, 1.0))
     if len(result.path):
         return result
@@ -491,7 +496,7 @@ def _search_passages(search: Search, edges: EdgesOnMap, endpoints: Endpoints, li
 
 
 def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
-    """Return the status of a plan, and a hint if no path was found though one may exist."""
+    """Return a plan's status, and a hint if a search failed."""
     edges = task.edges
     if len(result.path):
         return "path found" + (f": {result.note}" if result.note else ""), ""
@@ -513,7 +518,7 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
 
 
 def _list_hints(task: _Task, exists: bool | None) -> list[str]:
-    """List what to try if no path was found."""
+    """List hints for a failed search."""
     edges, planner, more = task.edges, task.search.planner, f"more time (time_limit={10 * task.time_limit:g})"
     if not isinstance(edges, EdgesOnMap):
         return [more, "another seed", "another planner"]
@@ -536,7 +541,10 @@ def _list_hints(task: _Task, exists: bool | None) -> list[str]:
 
 
 def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
-    """Name the yaws reached on the spot through FREE cells at start and goal, unless all are or it is holonomic."""
+    """Name the yaws proven free at start and goal.
+
+    The robot reaches these on the spot through FREE cells. If it reaches all, or is holonomic, nothing is named.
+    """
     if edges.drive == HOLONOMIC:
         return []
     limits, rotations = [], edges.space.rotations
@@ -547,7 +555,7 @@ def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
         if free.all() or not free[cell]:
             continue
         free, widths = np.roll(free, -cell), np.roll(np.diff(borders, axis=1)[:, 0], -cell)
-        above, below = int(np.argmin(free)), int(np.argmin(free[::-1]))  # FREE cells from that of q on, and before it
+        above, below = int(np.argmin(free)), int(np.argmin(free[::-1]))  # FREE cells from q's cell on, and before it
         lowest = q[2] - (q[2] - borders[cell, 0]) % TWO_PI
         low = lowest - float(widths[len(widths) - below :].sum())
         high = lowest + float(widths[:above].sum())
@@ -558,7 +566,7 @@ def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
 
 
 def _make_plan(task: _Task, given: ArrayLike, result: SearchResult, exists: bool | None, began: float) -> Plan:
-    """Make the plan of a search, with the measures of its path.
+    """Make the plan of a search, and measure its path.
 
     ``given`` is the start as the user gave it; ``began`` is a reading of ``time.perf_counter`` before all checks.
     """

@@ -36,8 +36,8 @@ class Times:
     """Durations of the steps of :func:`planners.plan`, in seconds.
 
     The time limit applies to planning and simplification. The first plan on a map also computes the caches that all
-    later plans use, such as components and, for "MaxClearance", the clearance of every cell: seconds on a map of 10^8
-    cells.
+    later plans use, such as components and, for "MaxClearance", the clearance of every cell. That takes seconds on a
+    map of 10^8 cells.
 
     Attributes
     ----------
@@ -71,16 +71,16 @@ class Plan:
         drawn. Yaw is in radians, in [-pi, pi): it jumps by 2 pi when it passes pi.
     waypoints : ndarray of float64, shape (m, size), read-only
         Rows of the path that edges join. For a differential drive, they include the rows at which it begins to turn or
-        to drive: straight edges join them, so that :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
+        to drive: straight edges join them, so that :meth:`cspace.CSpace.certify_path` proves both waypoints and path.
     start, goal : ndarray of float64, shape (size,), read-only
         Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1, the joints of an arm
-        within their limits. Of several goals, the one that the path reaches, or if not solved the nearest.
+        within their limits. Among several goals, the goal that the path reaches, or if not solved the nearest.
     axes : tuple of str
         Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
     units : tuple of str
         Units of these columns: "m", "rad", or "1" for the numbers of a quaternion.
     length_unit : str
-        Unit of the length: "m"; for motions of joints "rad", or "rad or m" if some of them slide.
+        Unit of the length: "m"; for motions of joints "rad", or "rad or m" if some joints slide.
     distance_unit : str
         Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or on a map of joints the unit of the joints.
     direction : ndarray of int8, shape (n,), read-only, or None
@@ -93,8 +93,8 @@ class Plan:
         by the map and the geometry, checked again after OMPL was done; curves are proven along the real curve. It does
         not change when obstacles change: :meth:`recheck` proves the edges now.
     status : str
-        The result in a line: that a path was found, or whether one is proven to exist; and for an arm, how far the
-        start or goal was moved onto limits that it exceeded.
+        The result in a line: a path, or whether one is proven to exist. For an arm, also how far the start or goal was
+        moved onto limits that it exceeded.
     hint : str
         Advice if the search found no path though one may exist; otherwise empty.
     length : float
@@ -158,7 +158,7 @@ class Plan:
     _lower_bound: float = math.nan
 
     def __getstate__(self) -> list[Any]:
-        """Return the state for pickling, with the distances that the map gives instead of the map."""
+        """Return the state for pickling: distances instead of the map."""
         replaced = {"space": None, "_clearance": self.clearance, "_lower_bound": self.lower_bound}
         if math.isnan(self.clearance):
             replaced["_obstacle_distance"] = self.obstacle_distance
@@ -166,38 +166,38 @@ class Plan:
 
     @property
     def clearance(self) -> float:
-        """Proven lower bound of the clearance along the path, in metres, in the map as it is now.
+        """Proven lower bound of the clearance along the path, metres.
 
-        Clearance is the distance from a configuration on the path to the nearest one that is not FREE, at the same
-        rotation. Zero along a path through MIXED cells. NaN for an arm, and if not solved. Computed at each access; the
-        first one on a map takes longer.
+        It holds in the map as it is now. Clearance is the distance from a configuration on the path to the nearest
+        configuration that is not FREE, at the same rotation. Zero along a path through MIXED cells. NaN for an arm, and
+        if not solved. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
         return edges.clearance(self.waypoints) if edges else self._clearance
 
     @property
     def obstacle_distance(self) -> float:
-        """Proven lower bound of the distance from obstacles along the path, in metres.
+        """Proven lower bound of the path's distance from obstacles, metres.
 
-        The distance is that between the robot itself, without margin, and the obstacles as they are now: their shapes
-        if the map has them, otherwise the outer cells; and, unless the map is open, its border. For an arm, distances
-        between links count too. The bound is at most a quarter of a cell below the true minimum, and at least the
-        margin; infinite if there is no obstacle, and zero if the path is no longer proven free.
+        The distance lies between the robot itself, without margin, and the obstacles as they are now. Obstacles are
+        their shapes if the map has them, otherwise the outer cells; and, unless the map is open, its border. For an
+        arm, distances between links count too. The bound is at most a quarter of a cell below the true minimum, and at
+        least the margin. It is infinite if there is no obstacle, and zero if the path is no longer proven free.
 
-        NaN if not solved, if the map was left behind (except for an arm) or lies in a store, or if the interior of a
-        mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
+        NaN if not solved, or if the map was left behind (except for an arm) or lies in a store. Also NaN if the
+        interior of a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
         return edges.obstacle_distance(self.waypoints) if edges else self._obstacle_distance
 
     @property
     def lower_bound(self) -> float:
-        """Proven lower bound of the lengths of collision-free paths from start to goal.
+        """Proven lower bound of the lengths of collision-free paths.
 
         A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound comes from
         :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. In a store it is the straight
-        distance, and for an arm the distance in the joints, continuous ones the shorter way; of several goals, to the
-        one that the path reaches. It holds for the obstacles as they are now, and for a robot that may move in any
+        distance, and for an arm the distance in the joints, continuous ones the shorter way. Among several goals, the
+        goal of the path counts. It holds for the obstacles as they are now, and for a robot that may move in any
         direction. NaN if not solved. Computed at each access.
         """
         edges = self._edges
@@ -205,9 +205,10 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """Fraction by which the path may be too long: its weighted length / :attr:`lower_bound` - 1.
+        """Fraction by which the path may be too long.
 
-        The true excess may be far smaller, because no path need be as short as the bound. NaN if not solved.
+        It is the weighted length / :attr:`lower_bound` - 1. The true excess may be far smaller, because no path need be
+        as short as the bound. NaN if not solved.
         """
         weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
         length, bound = self.length + weight * self.total_rotation, self.lower_bound
@@ -217,13 +218,13 @@ class Plan:
 
     @property
     def shown_distance(self) -> tuple[str, float]:
-        """Name and value of the printed distance: obstacle distance, or clearance if that is unknown."""
+        """Name and value of the obstacle distance, otherwise the clearance."""
         distance = self.obstacle_distance
         return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
 
     @property
     def distance_text(self) -> str:
-        """Text of :attr:`shown_distance`, empty if neither distance is known."""
+        """Text of :attr:`shown_distance`, empty if unknown."""
         name, distance = self.shown_distance
         words = name.replace("_", " ")
         if math.isnan(distance):
@@ -235,21 +236,21 @@ class Plan:
 
     @property
     def _edges(self) -> LocalPlanner | None:
-        """Local planner of the path's edges on its map; None without a path or a map."""
+        """Local planner on the map; None without path or map."""
         return self._edges_on(self.space) if self.solved and self.space is not None else None
 
     def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
-        """Return the local planner of the path's edges on a map."""
+        """Return the local planner on a map."""
         return local_planner(space, self.exact, self.drive, self.turning_radius)
 
     def _map(self, hint: str) -> ConfigurationSpace:
-        """Return the map of the plan; raise InputError with `hint` if pickling left it behind."""
+        """Return the map, or raise InputError with `hint` after pickling."""
         if self.space is None:
             raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
         return self.space
 
     def recheck(self, space: ConfigurationSpace | None = None) -> Bools:
-        """Prove each edge of the path again, among the obstacles as they are now.
+        """Prove each edge of the path again, among present obstacles.
 
         Edges are proven like the plan's: with the same ``exact`` and drive, along the same curves.
 
@@ -326,7 +327,9 @@ class Plan:
         return "certified" if free.all() else f"certified when planned, {problem}"
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map, the path and the robot along it; a map in tiles is drawn as an overview.
+        """Draw the map, the path and the robot along it.
+
+        A map in tiles is drawn as an overview.
 
         Parameters
         ----------
@@ -352,7 +355,7 @@ class Plan:
     def animate(
         self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]
     ) -> None:
-        """Draw the robot or arm that moves along the path into an animated GIF.
+        """Draw the motion along the path as an animated GIF.
 
         Parameters
         ----------
@@ -366,7 +369,7 @@ class Plan:
         Raises
         ------
         InputError
-            If no path was found, the plan was pickled, which leaves the map behind, or as :func:`cspace.plot.animate`.
+            If the plan has no path, or was pickled, which leaves the map behind; or as :func:`cspace.plot.animate`.
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
@@ -383,7 +386,7 @@ class Plan:
     @overload
     def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
     def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
-        """Convert the path of a rigid robot to a ``nav_msgs/Path`` of ROS.
+        """Convert a rigid robot's path to a ``nav_msgs/Path`` of ROS.
 
         Parameters
         ----------
@@ -391,7 +394,7 @@ class Plan:
             A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
             :class:`cspace.files.ros.Path` if left out.
         frame_id : str
-            Frame of the header and of each pose. The stamp of the header is kept, and copied to each pose.
+            Frame of the header and of each pose. The header keeps its stamp, and each pose gets it.
 
         Returns
         -------
@@ -402,7 +405,7 @@ class Plan:
         Raises
         ------
         InputError
-            If no path was found, the plan moves joints, or the message lacks a field.
+            If the plan has no path or moves joints, or the message lacks a field.
         """
         from cspace.export.messages import fill_path
         from cspace.files.ros import Path
@@ -433,8 +436,8 @@ class Plan:
         Parameters
         ----------
         max_velocity : float, array-like of shape (k,), or mapping of axes to floats, optional
-            Largest speed: one number for the reference point, or for each joint; or one for each of the axes, without
-            rotations. In m/s, or rad/s. The joints that are not given have the velocity limits of the URDF.
+            Largest speed, in m/s or rad/s. One number is for the reference point, or for each joint; several are for
+            the axes, without rotations. The joints that are not given have the velocity limits of the URDF.
         max_acceleration : float, array-like of shape (k,), or mapping of axes to floats
             Largest acceleration along the path, likewise. A URDF has none.
         max_angular_velocity, max_angular_acceleration : float, optional
@@ -445,13 +448,13 @@ class Plan:
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float
-            Largest time between rows, seconds. Further rows are where the acceleration changes.
+            Largest time between rows, seconds. Each change of acceleration adds a row.
 
         Raises
         ------
         InputError
-            If no path was found; a limit is missing, not above zero, or for another kind of robot; or the limits do not
-            allow the duration.
+            If the plan has no path; a limit is missing, not above zero, or for another kind of robot; or the limits do
+            not allow the duration.
 
         Examples
         --------
@@ -479,14 +482,15 @@ class Plan:
         return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
 
     def _check_solved(self, rule: str) -> None:
-        """Raise InputError if the plan has no path; `rule` says why one is needed."""
+        """Raise InputError with `rule` if the plan has no path."""
         if not self.solved:
             raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the path as CSV, in full precision, after a row with the names of the columns.
+        """Write the path as CSV, in full precision.
 
-        The columns are the :attr:`axes`, in metres and radians, and :attr:`direction` unless the robot is holonomic.
+        The first row holds the names of the columns. The columns are the :attr:`axes`, in metres and radians, and
+        :attr:`direction` unless the robot is holonomic.
 
         Parameters
         ----------
@@ -507,9 +511,9 @@ class Plan:
         write_csv(path, overwrite, names, rows)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write all attributes except the map as JSON; NaN and infinity become null.
+        """Write all attributes except the map as JSON.
 
-        Parameters and errors are as for :meth:`to_csv`.
+        NaN and infinity become null. Parameters and errors are as for :meth:`to_csv`.
         """
         names = [each.name for each in fields(self) if each.name != "space" and not each.name.startswith("_")]
         names += ["clearance", "obstacle_distance", "lower_bound", "gap"]

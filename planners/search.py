@@ -59,7 +59,7 @@ ATTEMPTS_PER_ROUND: Final = 100
 
 
 class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
-    """Signal of a callback that ends a search at its deadline."""
+    """Signal that ends a search at its deadline."""
 
 
 class Callbacks(Protocol):
@@ -108,7 +108,7 @@ class Deadline:
             each._override(None)
 
     def _watch(self) -> None:
-        """Wait for the deadline, and override the callbacks; a thread runs it."""
+        """Override the callbacks at the deadline, in a thread."""
         stages = (self._end, self._refusing, _refuse), (self._end + GRACE_SECONDS, self._raising, _raise)
         for end, callbacks, replacement in stages:
             while (left := end - clock()) > 0.0:  # the clock excludes compilation, which delays the deadline
@@ -133,7 +133,7 @@ class SearchResult:
     """Outcome of a search."""
 
     path: Floats  # (n, size), configurations that edges join; n is 0 if the goal was not reached
-    note: str = ""  # how the path was found, or why none was found
+    note: str = ""  # source of the path, or reason of the failure
     planning: float = 0.0  # seconds
     simplification: float = 0.0  # seconds
     proven: bool = False  # whether all edges were proven free in a final check
@@ -148,10 +148,10 @@ class Search(SearchOptions):
     fallback: str | None = None  # planner that takes over if this one finds no path
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
-        """Search by OMPL for a path from the first configuration to any other.
+        """Search by OMPL for a path from start to goal.
 
-        The goals are sorted by their distance from the start. The limit, in seconds, covers the search and the
-        simplification, but neither caches of the map nor compilation.
+        The path leads from the first configuration to any other. The goals are sorted by their distance from the start.
+        The limit, in seconds, covers the search and the simplification, but neither caches of the map nor compilation.
         """
         with _silence():
             if self.seed is not None:
@@ -233,17 +233,17 @@ class _Run:
                 return status
 
     def _make_termination(self, seconds: float) -> ob.PlannerTerminationCondition:
-        """Create the condition of OMPL that ends the search after some seconds or iterations."""
+        """Create OMPL's termination condition, by seconds or iterations."""
         if self._search.iterations is None:
             return ob.timedPlannerTerminationCondition(seconds)
         checks, max_checks, end = itertools.count(1), self._search.iterations, clock() + seconds
         return ob.PlannerTerminationCondition(lambda: next(checks) > max_checks or clock() > end)
 
     def _find_initial_path(self, planner: str, deadline: Deadline) -> og.PathGeometric | None:
-        """Find the cheapest of a few paths, which often pass obstacles on different sides, and improve it.
+        """Find the cheapest of a few paths, and improve it.
 
-        A planner with an objective must beat it, because it may find its first path too late. One round of improvement
-        tells which path is cheapest.
+        The paths often pass obstacles on different sides. A planner with an objective must beat the result, because it
+        may find its first path too late. One round of improvement tells which path is cheapest.
         """
         setup, best, limit = self._setup, None, deadline.left
         for _ in range(MAX_INITIAL_PATHS):
@@ -259,7 +259,7 @@ class _Run:
         return None if best is None else self._improve(best, deadline)
 
     def _simplify(self, path: Floats, seconds: float) -> Floats:
-        """Return a path, shape (n, size), that is proven free and no worse by the objective than a given one."""
+        """Simplify a path; the result is proven and no worse."""
         edges, fallback = self._edges, self._edges.remove_turns(path)
         if self._has_weights:
             with Deadline(seconds, self._refusing, self._raising) as deadline:
@@ -270,7 +270,7 @@ class _Run:
         return shorter if lengths[0] <= lengths[1] else fallback
 
     def _improve(self, path: og.PathGeometric, deadline: Deadline, rounds: int = sys.maxsize) -> og.PathGeometric:
-        """Return a cheaper path that is proven free, or a copy of the path.
+        """Return a cheaper, proven path, or a copy of `path`.
 
         Corners are cut and waypoints are moved while that makes the path cheaper and time is left.
         """
@@ -290,7 +290,7 @@ class _Run:
         return og.PathGeometric(path)
 
     def _is_cheaper(self, first: og.PathGeometric, second: og.PathGeometric) -> bool:
-        """Return True if the first of two paths costs less by the objective."""
+        """Return True if the first path costs less."""
         objective = self._objective
         return bool(objective.isCostBetterThan(first.cost(objective), second.cost(objective)))
 
@@ -309,7 +309,7 @@ class _Run:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Suppress OMPL's messages; the result of a search reports the important ones."""
+    """Suppress OMPL's messages; search results report the important ones."""
     level = ou.getLogLevel()
     ou.setLogLevel(ou.LOG_NONE)
     try:

@@ -23,7 +23,7 @@ MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 def state_space(
     space: ConfigurationSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None
 ) -> ob.StateSpace:
-    """Make OMPL's state space of a map or an arm, with bounds.
+    """Make OMPL's bounded state space of a map or an arm.
 
     Parameters
     ----------
@@ -43,16 +43,16 @@ def state_space(
         - x, y, z and a quaternion: ``SE3StateSpace``.
 
         A radian counts as half a metre, except with a drive. State spaces of a differential drive have a turning radius
-    of almost zero: their distance is in metres alone, and their interpolation stays within 1e-8 of the map's side of
-    the edge that is proven.
+        of almost zero, so their distance is in metres alone. Their interpolation stays within 1e-8 of the map's side of
+        the edge that is proven.
 
-        For an arm, ``RealVectorStateSpace``; with continuous joints, a ``CompoundStateSpace`` of it and an
-    ``SO2StateSpace`` for each continuous joint, all of weight 1. Its bounds are the limits of the joints.
+        For an arm, ``RealVectorStateSpace``; with continuous joints, a ``CompoundStateSpace`` of this space and an
+        ``SO2StateSpace`` for each continuous joint, all of weight 1. Its bounds are the limits of the joints.
 
     Raises
     ------
     InputError
-        If the drive is unknown, or given for a space without the axes x, y, yaw; or the turning radius is missing,
+        If the drive is unknown, or given for a space without the axes x, y, yaw. Also if the turning radius is missing,
         given without a curve, or not above zero.
     """
     return _make_bounded_states(local_planner(space, False, drive, turning_radius))
@@ -79,9 +79,9 @@ def simple_setup(
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> og.SimpleSetup:
-    """Create OMPL's SimpleSetup for a map or an arm: its states, the proofs of motions and the sampler.
+    """Create OMPL's SimpleSetup for a map or an arm.
 
-    Choose a planner, set start and goal, and solve::
+    It has the states, the proofs of motions and the sampler. Choose a planner, set start and goal, and solve::
 
         setup = planners.simple_setup(space)
         setup.setPlanner(ompl.geometric.RRTConnect(setup.getSpaceInformation()))
@@ -111,9 +111,9 @@ def simple_setup(
     Raises
     ------
     InputError
-        If ``objective`` or the sampler is not of OMPL's type, or ``rng`` is given with a sampler or with ``exact``; and
-        as :func:`state_space`. Also if the sampler is OMPL's ObstacleBasedValidStateSampler, which needs the last valid
-        state of a motion: a motion validator in Python cannot return it, and the samples would be invalid.
+        If ``objective`` or the sampler is not of OMPL's type, or ``rng`` comes with a sampler or ``exact``; and as
+        :func:`state_space`. Also if the sampler is OMPL's ObstacleBasedValidStateSampler. It needs the last valid state
+        of a motion, which a motion validator in Python cannot return, so the samples would be invalid.
     """
     edges = local_planner(space, exact, drive, turning_radius, bidirectional)
     return make_setup(edges, objective, rng, valid_state_sampler)
@@ -148,7 +148,10 @@ def make_setup(
 def _choose_sampler(
     si: ob.SpaceInformation, edges: LocalPlanner, rng: np.random.Generator | None, sampler: MakeSampler | None
 ) -> MakeSampler:
-    """Return the function that makes valid state samplers; it must not hold ``si``, which holds it."""
+    """Return the function that makes valid state samplers.
+
+    It must not hold ``si``, because ``si`` holds it.
+    """
     space, exact = edges.space, edges.exact
     if rng is not None:
         check_rng(rng)
@@ -170,7 +173,7 @@ def _choose_sampler(
 def _make_checked(
     make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
 ) -> object:
-    """Call a user's function that makes an object of OMPL, and check the result's type."""
+    """Call a user's function, and check the result's type."""
     made = make(si)
     if not isinstance(made, kind):
         rule, hint = f"it must return an ompl.base.{kind.__name__}", "pass a function that takes the space information"

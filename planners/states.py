@@ -27,23 +27,23 @@ class StateKind(NamedTuple):
     """Functions that convert between configurations and OMPL's states."""
 
     make: Callable[[], ob.StateSpace]  # creates the state space for straight edges, without bounds
-    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]  # sets those of the positions
+    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]  # sets the bounds of positions
     read: Callable[[ob.State], Configuration]
     write: Callable[..., None]  # writes the numbers of a configuration to a state
     periodic_axes: tuple[bool, ...] = ()  # True for angles of continuous joints; empty if there are none
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
-        """Convert a function of the numbers of a configuration to a function of a state."""
+        """Let a function of a configuration take a state."""
         read = self.read
         return lambda state: query(*read(state))
 
     def of_states(self, query: Callable[..., Value]) -> Callable[[ob.State, ob.State], Value]:
-        """Convert a function of the numbers of two configurations to a function of two states."""
+        """Let a function of two configurations take two states."""
         read = self.read
         return lambda first, second: query(*read(first), *read(second))
 
     def unwind(self, path: Floats) -> Floats:
-        """Unwrap the continuous joints of a path, shape (n, size), so that they move the shorter way."""
+        """Unwrap a path's continuous joints, to move the shorter way."""
         if not self.periodic_axes:
             return path
         unwound, steps = path.copy(), np.diff(path, axis=0)
@@ -51,7 +51,10 @@ class StateKind(NamedTuple):
         return unwound
 
     def are_equal(self, first: Floats, second: Floats) -> bool:
-        """Return True if all configurations, shapes (..., size), are equal, continuous joints modulo 2 pi."""
+        """Return True if all configurations, shapes (..., size), are equal.
+
+        Continuous joints are compared modulo 2 pi.
+        """
         if not self.periodic_axes:
             return np.array_equal(first, second)
         return bool(
@@ -59,7 +62,10 @@ class StateKind(NamedTuple):
         )
 
     def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
-        """Return the index of the endpoint at which a path from the first one ends; 0 if at none."""
+        """Return the index of the endpoint that a path reaches.
+
+        It is 0 if the path does not lead from the first endpoint to another.
+        """
         if not self.are_equal(path[0], np.array(endpoints[0])):
             return 0
         ends = (k for k, goal in enumerate(endpoints) if k and self.are_equal(path[-1], np.array(goal)))
@@ -80,7 +86,7 @@ def kind_of(space: ConfigurationSpace) -> StateKind:
 
 
 def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a map or the space of an arm."""
+    """Raise InputError unless ``space`` is a ConfigurationSpace."""
     if not isinstance(space, ConfigurationSpace):
         hint = "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the order of arguments"
         rule = "it must be a CSpace or an ArmSpace"
@@ -88,7 +94,7 @@ def check_space(space: object) -> None:
 
 
 def check_information(si: object, space: object) -> None:
-    """Raise InputError unless ``si`` is OMPL's space information, and ``space`` a map or the space of an arm."""
+    """Check that ``si`` is SpaceInformation and ``space`` a ConfigurationSpace."""
     if not isinstance(si, ob.SpaceInformation):
         rule, hint = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
         raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
@@ -169,7 +175,10 @@ _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
 
 
 def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
-    """Create the conversions for joints: a vector, and a circle for each continuous joint, all of the same weight."""
+    """Create the conversions for joints, all of the same weight.
+
+    States are a vector, and a circle for each continuous joint.
+    """
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
         numbers = range(size)

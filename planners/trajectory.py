@@ -54,7 +54,7 @@ CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#
 
 
 class Segments(NamedTuple):
-    """Straight parts of a path, or a car's arcs and straights; m of them."""
+    """The m straight parts and arcs of a path."""
 
     starts: Floats  # (m, size), configurations
     rates: Floats  # (m, k), translation and rotation vector at the start, or joints, per unit of length
@@ -63,7 +63,10 @@ class Segments(NamedTuple):
 
 
 class Phases(NamedTuple):
-    """Parts of a motion with constant acceleration, each on one segment; in the last one the robot rests."""
+    """Parts of a motion with constant acceleration.
+
+    Each is on one segment; in the last part the robot rests.
+    """
 
     times: Floats  # seconds at which they start
     segments: Ints
@@ -113,9 +116,9 @@ class Trajectory:
         duration: float | None = None,
         time_step: float = 0.1,
     ) -> Trajectory:
-        """Compute the fastest motion of an arm along a path, such as a line of its tool.
+        """Compute an arm's fastest motion along a path.
 
-        It begins and ends at rest, and stays on the motions between the rows, so it also stops at each row where the
+        It begins and ends at rest, and stays on the motions between the rows. So it also stops at each row at which the
         joints change their direction. These motions are proven free again.
 
         Parameters
@@ -129,7 +132,7 @@ class Trajectory:
         Raises
         ------
         InputError
-            If the space is not that of an arm, the line is not certified, a motion is not proven free, or as
+            If the space is not an arm's, the line is not certified, or a motion is not proven free; and as
             :meth:`planners.Plan.trajectory` and :meth:`cspace.ArmSpace.certify_path`.
 
         Examples
@@ -202,7 +205,9 @@ class Trajectory:
         return positions, velocities, accelerations
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw speed and angular speed over time; for an arm, the velocity of each joint.
+        """Draw speed and angular speed over time.
+
+        For an arm, draw the velocity of each joint.
 
         Parameters
         ----------
@@ -256,12 +261,12 @@ class Trajectory:
     @overload
     def to_joint_trajectory(self, msg: Message, *, frame_id: str = "") -> Message: ...
     def to_joint_trajectory(self, msg: Message | None = None, *, frame_id: str = "") -> Message | JointTrajectory:
-        """Return the trajectory of an arm as a ``trajectory_msgs/JointTrajectory`` of ROS.
+        """Return an arm's trajectory as a ``trajectory_msgs/JointTrajectory`` of ROS.
 
         Each row becomes a point with positions, velocities and ``time_from_start``. Controllers join such points by
         cubic polynomials, which are this very motion. With accelerations they would use quintic ones, which are not.
         ``msg`` is any object with the fields of the message, of ROS 1 or 2; a new
-        :class:`cspace.files.ros.JointTrajectory` if left out. The stamp of its header is kept.
+        :class:`cspace.files.ros.JointTrajectory` if left out. Its header keeps its stamp.
 
         Raises
         ------
@@ -298,7 +303,7 @@ def write_csv(
 
 
 class DrivenPath(NamedTuple):
-    """A path that gets times, and how the robot moves along it."""
+    """A path without times, and the robot's motion along it."""
 
     space: ConfigurationSpace | None
     waypoints: Floats
@@ -359,9 +364,9 @@ def make_trajectory(
 
 
 def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool) -> Floats:
-    """Return checked limits of the axes, shape (k,), or () for the whole translation.
+    """Return checked limits of the axes, shape (k,) or ().
 
-    ``known`` are the defaults of axes.
+    Shape () is for the whole translation. ``known`` are the defaults of axes.
     """
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
@@ -409,9 +414,10 @@ def _split_curves(path: DrivenPath) -> Segments:
 
 
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
-    """Return the segments between points, shape (m + 1, size), without very short ones.
+    """Return the segments between points, without very short ones.
 
-    ``steps``, shape (m, k), are the lengths times the rates; ``radians`` turn the direction of motion.
+    ``points`` have shape (m + 1, size). ``steps``, shape (m, k), are the lengths times the rates; ``radians`` turn the
+    direction of motion.
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
@@ -421,7 +427,7 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
 
 
 def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
-    """Return the largest rate of each segment's length within the limits, shape (m,)."""
+    """Return each segment's largest rate within the limits, shape (m,)."""
     parts = [np.abs(rates[:, :dim]) if linear.ndim else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)]
     limits = [np.atleast_1d(linear)]
     if angular is not None:
@@ -467,7 +473,7 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
 
 
 def _stretch(phases: Phases, duration: float | None) -> Phases:
-    """Slow a motion down evenly, so that it takes ``duration`` seconds."""
+    """Slow a motion evenly, to take ``duration`` seconds."""
     total = float(phases.times[-1])
     if duration is None or total == 0.0:
         return phases
@@ -480,7 +486,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:
-    """Return the times of rows, at most ``time_step`` seconds apart, with the start of each phase."""
+    """Return row times, at most ``time_step`` apart, with phase starts."""
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
     if counts.sum() >= MAX_ROWS:
         rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"
@@ -519,7 +525,7 @@ def _evaluate(segments: Segments, phases: Phases, rotations: Rotations, t: Float
 
 
 def _turn(rates: Floats, angles: Floats) -> Floats:
-    """Turn x and y of rates left by angles, shape (m,)."""
+    """Turn x and y of rates left by angles."""
     turned = rates.copy()
     if angles.any():
         cos, sin, (x, y) = np.cos(angles), np.sin(angles), rates[:, :2].T
