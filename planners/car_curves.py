@@ -125,8 +125,8 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
     """Return True if a word lies in FREE cells.
 
     All configurations within ``spare`` of the word, except its ends, must be FREE. A piece of length l lies within
-    l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that size around the center contains it.
-    If the box is not free, the piece is halved, until its center is not free or the piece is shorter than
+    l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that size around the center contains
+    it. If the box is not free, the piece is halved, until its center is not free or the piece is shorter than
     ``MIN_PIECE_CELLS``.
     """
     longest, shortest = MAX_PIECE_CELLS * map_.spacing / radius, MIN_PIECE_CELLS * map_.spacing / radius

@@ -161,9 +161,9 @@ class ClearanceObjective(WeightedLength):
 class OverlapObjective(WeightedLength):
     """Length whose metres cost more at larger overlap.
 
-    The objective pushes paths smoothly away from obstacles. A metre of path at overlap c costs ``1 + weight * (c /
-    saturation)**2``. The overlap is the field's, between balls of robot and obstacles. Grown balls overlap before the
-    shapes touch.
+    The objective pushes paths smoothly away from obstacles. A metre of path at overlap c costs
+    ``1 + weight * (c / saturation)**2``. The overlap is the field's, between balls of robot and obstacles. Grown balls
+    overlap before the shapes touch.
 
     Parameters
     ----------

@@ -180,11 +180,11 @@ def plan(
     ----------
     space : CSpace, TiledCSpace or ArmSpace
     start, goal : array-like, shape (size,)
-        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``, ``(x, y,
-        z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may also be a
-        :class:`cspace.PoseGoal`, or several goals: configurations, shape (n, size), or a list with pose goals. Goals
-        that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`. PRM and PRMstar
-        take one configuration.
+        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
+        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
+        also be a :class:`cspace.PoseGoal`, or several goals: configurations, shape (n, size), or a list with pose
+        goals. Goals that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`.
+        PRM and PRMstar take one configuration.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search. The
         default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
@@ -247,7 +247,7 @@ def plan(
         If start or goal lies outside the map or is not FREE (with ``exact``, not proven free by the geometry either).
         Also if it lies on the border of a cell that is not FREE. The message names the nearest FREE configuration,
         which is also the error's ``nearest``. Also if no configuration found for a pose is within its tolerance, or if
-        all of these collide. In the first case, the message says how far the nearest pose reached is.
+        all of these collide. If none is within it, the message says how far the nearest pose reached is.
     InputError
         If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown. Also if the
         space, planner, objective, drive and other options do not go together.

@@ -179,7 +179,7 @@ class Plan:
     def obstacle_distance(self) -> float:
         """Proven lower bound of the path's distance from obstacles, metres.
 
-        The distance lies between the robot itself, without margin, and the obstacles as they are now. Obstacles are
+        The distance is measured from the robot itself, without margin, to the obstacles as they are now. These are
         their shapes if the map has them, otherwise the outer cells; and, unless the map is open, its border. For an
         arm, distances between links count too. The bound is at most a quarter of a cell below the true minimum, and at
         least the margin. It is infinite if there is no obstacle, and zero if the path is no longer proven free.
