@@ -361,7 +361,7 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
 
 
 def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Return nodes, as ``sin(theta / 2)^2``, and densities ``dOmega / dx`` of the integral over directions.
+    """Return nodes ``sin(theta / 2)^2`` and densities of the integral over directions.
 
     ``covered``, shape (n, 1), is the largest ``sin(theta / 2)^2``; ``x``, shape (nodes,), are nodes in [0, 1]. No sine
     is needed: on a sphere, the area between two circles is proportional to the difference of their ``sin(theta /

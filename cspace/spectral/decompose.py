@@ -306,7 +306,7 @@ def decompose(
 
 
 def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
-    """Choose balls in a shape, at most ``number`` or enough for a tolerance, in metres.
+    """Choose balls in a shape, by number or tolerance in metres.
 
     Returns centers (n, d) and radii (n,) in metres, bounds of the distance from the shape to the balls, and n. Raises
     InputError if the shape is too thin or the tolerance too small.
@@ -339,7 +339,7 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
 
 
 def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
-    """Choose balls that cover a shape, at most ``number``, or sticking out by at most ``tolerance`` metres.
+    """Choose balls that cover a shape, by number or tolerance in metres.
 
     Returns centers (n, d) and radii (n,) in metres, bounds of the distance from the balls to the shape, and the number
     of balls that were tried. Raises InputError if no such balls are found.
@@ -414,7 +414,7 @@ def _grow_equally(lattice: Lattice, balls: LatticeBalls, growth: float, number: 
 
 
 def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
-    """Return radii, metres, with which balls contain all of their cells, but less than their reaches.
+    """Return radii, metres, with which balls contain their cells.
 
     The difference is larger than the rounding of coordinates and depths, so that no ball sticks out too far.
     """
@@ -424,7 +424,7 @@ def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
 def _nearest_balls(
     lattice: Lattice, choices: list[LatticeBalls | None], *, grow: bool
 ) -> tuple[Floats, Floats, Floats, Gap | None]:
-    """Select the choice of balls with the smallest distance from the shape to the balls.
+    """Select the balls with the smallest distance from the shape.
 
     Each choice gives the centers; the balls are the largest balls in the shape around them. Returns centers (n, d) and
     radii (n,) in metres, negative outside the shape; the growth of each ball with which all cover the shape (n,) if
@@ -453,7 +453,7 @@ def _inner_candidates(lattice: Lattice) -> LatticeBalls:
 
 
 def _fill_greedily(lattice: Lattice, number: int) -> list[LatticeBalls]:
-    """Choose at most ``number`` balls in the shape that contain many cell centers.
+    """Choose at most ``number`` balls that contain many cell centers.
 
     Returns several choices, because fewer balls may be nearer to all points: a choice ends when all cell centers lie in
     balls.
@@ -489,7 +489,7 @@ def _cover_with(lattice: Lattice, candidates: LatticeBalls, number: int, *, insi
 def _cover_within(
     lattice: Lattice, candidates: LatticeBalls, length: float, number: int, *, inside: bool
 ) -> LatticeBalls | None:
-    """Choose balls that cover all cells and stick out by at most ``length``, in sides.
+    """Choose balls that cover all cells, sticking out at most ``length`` sides.
 
     Returns None if that takes more than ``number`` balls.
     """
@@ -674,7 +674,7 @@ def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
 
 @kernel
 def _find_rows(cells: CellCounts, center: Floats, reach: float, only_open: bool) -> tuple[int, int]:
-    """Find the rows of cells in a ball; return their number, and the number of open cells in them.
+    """Find the rows of cells in a ball; count rows and open cells.
 
     They fill the first rows of ``cells.rows``. ``center`` has shape (3,). With ``only_open``, rows of the lattice
     without open cells are skipped.
@@ -747,7 +747,7 @@ def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, 
 
 @kernel
 def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
-    """Shrink balls, in the order of the indices, to the cells that only they contain.
+    """Shrink balls, in order, to the cells that only they contain.
 
     Reaches change in place, to 0 for balls without such cells. With ``only_drop``, only these balls change.
     """

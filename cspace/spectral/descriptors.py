@@ -85,7 +85,7 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
 
 
 def _convex_parts(geometry: BaseGeometry) -> Floats:
-    """Split a geometry into convex parts, of k corners with repetitions: (n, k, 2)."""
+    """Split a geometry into convex parts, shape (n, k, 2), repeating corners."""
     import shapely
 
     rings: list[list[Corner]] = []
@@ -172,7 +172,7 @@ def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
 
 
 def _orientation(a: Corner, b: Corner, c: Corner) -> int:
-    """Return the exact orientation of a turn: 1 left, -1 right, 0 straight."""
+    """Return the exact orientation: 1 left, -1 right, 0 straight."""
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in (a, b, c))
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return (area > 0) - (area < 0)
@@ -199,7 +199,7 @@ SMALLEST_NORMAL: Final = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True, eq=False)
 class Descriptor:
-    """Function sampled at the cell centers of a grid; its shape is the set where it is positive.
+    """Function sampled at cell centers; the shape is its positive set.
 
     Stores a read-only float64 copy of the values, shape grid.shape. Raises InputError if the values do not have the
     shape of the grid, or one is not finite.
@@ -271,7 +271,7 @@ class BallDescriptor(Balls):
         return Descriptor(grid, values)
 
     def round_radii(self, number: int, up: bool) -> BallDescriptor:
-        """Return balls with at most ``number`` different radii: each grows (``up``) or shrinks to the next of these.
+        """Grow (``up``) or shrink balls to at most ``number`` different radii.
 
         Each radius serves about equally many balls.
         """
@@ -316,7 +316,7 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
 
 
 def common_bump(bump: Bump | None, *sources: object) -> Bump:
-    """Return the bump passed, or the common bump of the sources, or ``Bump()`` if there is none.
+    """Return the bump passed, the sources' common bump, or ``Bump()``.
 
     Raises InputError if ``bump`` is no bump, or if it is None and the bumps of the sources differ.
     """

@@ -463,7 +463,7 @@ class FourierOverlap:
 
 @dataclass(eq=False)
 class _Band:
-    """One band of frequencies, shared by all rotations of A, and the spectrum of B in it.
+    """One band of frequencies for all rotations, with B's spectrum.
 
     ``lengths``, shape (d,), are the periods, metres.
     """
@@ -536,7 +536,7 @@ class _Level:
 
     @cached_property
     def twists(self) -> list[Terms]:
-        """Terms of the derivative by rotations of A about the origin of its frame.
+        """Terms of the derivative by rotations about the origin of A.
 
         A rotation by the vector e moves a ball around p by ``e x p``, so F_A changes by ``-2 pi i w.(e x p)`` times the
         ball's part. The sums of ``p`` times these parts are spectra of weighted balls.
@@ -567,7 +567,7 @@ def _in_space(points: Floats) -> Floats:
 
 
 def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
-    """Return the nearest rotation matrix to an angle in the plane, a matrix or a scipy Rotation.
+    """Return the rotation matrix nearest to an angle, matrix or Rotation.
 
     Raises InputError for anything else.
     """
@@ -618,7 +618,7 @@ class _CellValues:
 
 
 class Space(Protocol):
-    """Attributes of a map, such as :class:`cspace.CSpace`, that a field needs; the last one is for kernels."""
+    """Attributes of a map that a field needs; kernels need the last."""
 
     @property
     def grid(self) -> Grid:
@@ -692,7 +692,7 @@ class OverlapField:
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
-        """Interpolate the overlap at configurations (..., size), in metres and radians; shape (...).
+        """Interpolate the overlap at configurations (..., size), metres and radians.
 
         The interpolation is linear between cell centers and never negative. Outside the grid it uses the nearest value;
         rotations use the value of their cell. Raises InputError if the last axis is not as long, or a value is NaN or

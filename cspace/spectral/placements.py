@@ -82,7 +82,7 @@ def best_placements(
     band: float | None = None,
     tolerance: float = 0.01,
 ) -> Placements:
-    """Find the placements of A with the best scores, over a grid of rotations.
+    """Find the best placements of A over a grid of rotations.
 
     The score is the overlap of A with B, minus ``penalty`` times its
     overlap with ``avoid``; overlaps as in :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores
@@ -158,7 +158,7 @@ def best_placements(
 
 
 class BallFields:
-    """Smooth fields of fixed balls, as balls of several radii see them, by cubic splines.
+    """Cubic splines of fixed balls' fields, for balls of several radii.
 
     ``correlation`` is between the moving balls, whose places do not matter, and the fixed ones, which have their center
     at ``center``, metres.
@@ -175,7 +175,7 @@ class BallFields:
         return [field.reshape(*field.shape, *[1] * (3 - self._dim)) for field in self._correlation.splines()]
 
     def evaluate(self, centers: Floats) -> Floats:
-        """Return the overlap of each moving ball, and its derivatives along the axes, shape (n, k, 1 + d).
+        """Return moving balls' overlaps and derivatives, shape (n, k, 1 + d).
 
         ``centers``, shape (n, k, d), are the places of the k balls, metres. Fields repeat with the period.
         """
@@ -189,7 +189,7 @@ class BallFields:
 
 
 class BallPenetration:
-    """Overlap of balls that move, each on its own, with fixed balls, and its derivatives by the balls' centers.
+    """Overlap of independently moving balls with fixed ones, and its derivatives.
 
     For optimizers: the overlap is zero if no balls meet, grows with the depth, and is as smooth as the descriptors.
     Cubic splines of the fields that fixed balls make give it, within about ``tolerance``; it proves nothing.
@@ -237,7 +237,7 @@ class BallPenetration:
         self._fields = BallFields(made, balls.center)
 
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute the overlap, summed over the balls, and its derivatives by their centers.
+        """Compute the summed overlap and its derivatives by the centers.
 
         ``centers``, shape (..., k, d), are in metres. The results have shapes (...) and (..., k, d), in square or cubic
         metres, and that per metre. Raises InputError if the shape is another, or a value is not finite.
@@ -273,7 +273,7 @@ class _Poses(NamedTuple):
         return _Poses(*map(np.concatenate, zip(self, other, strict=True)))
 
     def distinct(self, root: Floats, apart: float, most: int) -> _Poses:
-        """Return the best poses, at most ``most``, none within a displacement of a better one.
+        """Return at most ``most`` best poses, none near a better one.
 
         The displacement is the root mean square over the balls of A. ``root`` is the square root C^(1/2) of the
         covariance of their centers: the displacement of poses (c, R) is the distance of the vectors (c, R C^(1/2)).
@@ -395,7 +395,7 @@ class _Score:
 def add_slopes(
     spline: Floats, places: Floats, members: NDArray[np.intp], strengths: Floats, weights: Floats, out: Floats
 ) -> None:
-    """Add a periodic cubic spline, times strengths, and its derivatives at some of the places (n, k, 3), in cells.
+    """Add a periodic cubic spline and its derivatives at some places.
 
     ``spline``, shape (nx, ny, nz), are its coefficients. ``out`` has shape (n, k, 4): the value, and the derivatives
     along the axes, per cell. ``weights``, shape (3, 2, 4), is scratch.

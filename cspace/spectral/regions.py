@@ -157,7 +157,7 @@ class Region:
         return self.inner.measure[0], self.outer.measure[1]
 
     def locate(self, points: Floats, radius: float) -> tuple[Bools, Bools]:
-        """Return masks of points (n, d): proven inside, and not proven ``radius`` away from the shape."""
+        """Return masks: points proven inside, and not proven ``radius`` away."""
         contained, error = self.outer.shape.contains(points), self.outer.error
         near = self.outer.distances(points, 1.01 * radius + 2.0 * error)[0]
         is_inside = contained & (near > error) if self.inner is self.outer else self.inner.depths(points) > 0.0
@@ -297,7 +297,7 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
 
 @kernel
 def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
-    """Write bounds, at most ``cap``, of the distances from points (n, 3) to the boundary.
+    """Bound distances of points, shape (n, 3), from the boundary, up to ``cap``.
 
     ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is fast if consecutive points are
     close together.
@@ -342,7 +342,7 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
 def bound_shape_to_balls(
     lattice: Lattice, centers: Floats, radii: Floats, *, grow: bool = False
 ) -> tuple[float, float, Floats]:
-    """Compute bounds of the largest distance from a shape to balls, centers (n, d) and radii (n,), metres.
+    """Bound the largest distance from a shape to balls, metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
     point are halved until the bounds differ by 2 % or by 1e-4 of the size of the shape.
@@ -379,7 +379,7 @@ def bound_shape_to_balls(
 
 
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Compute bounds of the largest distance from balls, centers (n, d) and radii (n,), to a shape, metres.
+    """Bound the largest distance from balls to a shape, metres.
 
     The upper bound comes from the depths of the centers: a ball sticks out of the shape by at most its radius minus
     that depth. The lower bound comes from points of the spheres.
@@ -421,7 +421,7 @@ def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tu
 def measure_cubes(
     points: Floats, halves: Floats, tree: BallTree, pending: Ints, near: Floats, far: Floats, owners: Ints
 ) -> None:
-    """Write the results of :func:`cube_gaps`; owners are in the order of the tree's leaves.
+    """Write results of :func:`cube_gaps`, owners in the tree's leaf order.
 
     ``points`` has shape (n, 3), ``halves``, half the sides of a cube, shape (3,). ``pending`` is scratch.
     """

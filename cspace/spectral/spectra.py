@@ -158,7 +158,7 @@ def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -
 
 
 def _transform_options(tolerance: float, samples: int, upsampled_axes: int = 0) -> dict[str, Any]:
-    """Return the options of a transform; from 2^19 samples on, several threads save time."""
+    """Return a transform's options; large ones take several threads."""
     finer = (
         1.25 if tolerance >= 1e-8 else 1.5 if tolerance >= 1e-11 else 2.0
     )  # with less, errors exceeded the tolerance
@@ -268,7 +268,7 @@ class FrequencyLattice(NamedTuple):
 def sum_terms(
     lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float, *, half: bool = False
 ) -> Complexes:
-    """Return the spectrum of terms around points (n, d), metres, to a tolerance, shape ``lattice.counts``.
+    """Return the spectrum of terms around points, shape ``lattice.counts``.
 
     With ``half``, only the frequencies whose last one is not negative are returned, and counts must be odd.
     """
@@ -284,7 +284,7 @@ def sum_terms(
 
 
 class Correlation:
-    """Overlaps of A with weighted balls of B at the translations of a lattice, by one inverse FFT for each rotation.
+    """Overlaps with weighted balls on a lattice, by inverse FFTs.
 
     Spectra are those of :class:`cspace.spectral.FourierOverlap`. The lattice has ``shape`` steps to a period.
 
@@ -325,12 +325,12 @@ class Correlation:
         return self._inverse(products)
 
     def splines(self) -> Iterator[Floats]:
-        """Yield the coefficients of cubic splines, on the lattice, of the field that the balls of each term see."""
+        """Yield cubic spline coefficients of each term's field on the lattice."""
         which = _first_half(self.lattice.which)
         return (self._inverse(self.spectrum * term.factor[which], spline=True) for term in self.terms)
 
     def _inverse(self, half: Complexes, *, spline: bool = False) -> Floats:
-        """Return the values on the lattice of a function with half a spectrum, or coefficients of its cubic spline."""
+        """Return lattice values, or spline coefficients, from half a spectrum."""
         from scipy.fft import irfftn
 
         # Frequencies that differ by a multiple of the lattice's size are one frequency there, so they are added.
@@ -352,7 +352,7 @@ class Correlation:
 
 
 def _fold(spectrum: Complexes, axis: int, positive: int, size: int) -> Complexes:
-    """Add the frequencies along an axis that are equal modulo ``size``, which the axis then has.
+    """Add frequencies along an axis that are equal modulo ``size``.
 
     The first ``positive`` frequencies are 0, 1, ..., the others ..., -2, -1.
     """
@@ -468,7 +468,7 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
 
 
 def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
-    """Return the counts of frequencies, of one for each axis or one for all.
+    """Return the number of frequencies along each axis.
 
     Raises InputError for anything else, or if the spectrum would not fit into memory.
     """
@@ -504,7 +504,7 @@ BALLS_PER_BATCH: Final = 2**8
 
 
 def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
-    """Estimate the frequency, cycles per metre, above which less than ``bound`` is added to the overlap.
+    """Estimate the frequency, cycles per metre, with ``bound`` left above it.
 
     Above the frequencies of the gaps between balls, their energies add up: the energy of a set is the sum of the
     energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
@@ -526,7 +526,7 @@ def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
 
 
 class Rings(NamedTuple):
-    """Frequencies ``w = k / lengths`` of a band, ``|k| <= halves``, ordered by rings of similar moduli.
+    """Frequencies ``k / lengths``, ``|k| <= halves``, in rings of similar moduli.
 
     Descriptors are real, so opposite frequencies have conjugate terms; only frequency zero and the frequencies whose
     first non-zero entry is positive are stored. ``lengths`` are the periods, metres. ``indices``, shape (n, d), are k,
@@ -634,7 +634,7 @@ class Terms(NamedTuple):
 
     @classmethod
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
-        """Build the terms of the overlap of A, which moves and has the first spectrum, with B.
+        """Build the terms of the overlap of A, first, with B.
 
         Within the band, the sum of the moduli bounds the remaining terms. Outside, ``tail`` does, the product of the
         two tail norms (Cauchy and Schwarz). ``far``, in metres, bounds the rounding of a placement.
@@ -676,7 +676,7 @@ def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
 
 @kernel
 def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
-    """Sum the real parts of ``products * exp(2 pi i k.t)`` over frequencies [start, stop) in ring order.
+    """Sum ``Re(products * exp(2 pi i k.t))`` over frequencies [start, stop).
 
     ``phases``, shape (d, 2 m + 1), are those of each axis.
     """
@@ -746,7 +746,7 @@ def sum_pairs(
     slack: float,
     many: int = PAIR_TABLE_NODES,
 ) -> tuple[Floats, Floats]:
-    """Return the ideal overlaps of moved balls with fixed ones, sums over pairs of balls, and bounds of their errors.
+    """Return overlaps as sums over pairs of balls, with error bounds.
 
     ``moved`` yields the centers (k, d) of the moved balls at each of n placements, whose radii are ``radii``; ``fixed``
     are the centers, radii and weights of the others. ``slack`` bounds the rounding of a distance, metres. The results
@@ -774,7 +774,7 @@ def sum_pairs(
 def tabulated_integrals(
     bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int, many: int = PAIR_TABLE_NODES
 ) -> tuple[Floats, Floats]:
-    """Compute :func:`pair_integrals` of many pairs; more than ``many`` pairs of equal radii get a table."""
+    """Compute many :func:`pair_integrals`; equal radii share a table."""
     values, errors = np.zeros((2, len(distances)))
     pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
     keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)

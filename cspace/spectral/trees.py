@@ -55,7 +55,7 @@ class BallTree(NamedTuple):
 
 @kernel
 def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
-    """Fill a tree with balls, shape (n, 4), in an order in which the halves of any node are far apart.
+    """Fill a tree with balls, shape (n, 4), halving by distance.
 
     Node k gets the ball of ``nodes[k]`` and ``sizes[k]`` balls from ``starts[k]`` on; ``starts`` is scratch, zero on
     input.
@@ -87,7 +87,7 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
 
 @kernel
 def compare_placed(a: BallTree, b: BallTree, x: float, y: float, z: float, slack: float, pending: Ints) -> int:
-    """Return MISS, HIT or UNDECIDED for two ball trees, the first one moved by (x, y, z).
+    """Return MISS, HIT or UNDECIDED, the first tree moved by (x, y, z).
 
     ``slack``, metres, bounds the rounding of the distance between two centers. ``pending`` is scratch of
     MAX_PENDING_NODE_PAIRS items.
