@@ -17,8 +17,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,13 +27,11 @@ from cspace.arms.inverse import PoseGoal
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
-from cspace.compiling import bind_kernel, clock
+from cspace.compiling import bind_kernel
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.map.paths import pulled_straight
-from cspace.map.periodic import below_half_a_turn, with_wrapped_angles
-from cspace.rotations import Rotations
+from cspace.map.periodic import with_wrapped_angles
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE
@@ -106,17 +103,6 @@ class Pieces(NamedTuple):
     centers: Floats
     lengths: Floats
     rotations: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class SearchOptions:
-    """Planner and options of a search, as built-in searches read them."""
-
-    planner: str  # name of a planner of OMPL, or of a built-in search
-    objective: Callable[..., Any] | None = None  # takes the space information; None for the length
-    iterations: int | None = None  # largest number of checks of OMPL's termination condition
-    simplify: bool = True
-    seed: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,22 +187,6 @@ class LocalPlanner(ABC):
     def are_free(self, path: Floats) -> bool:
         """Return True if every edge is proven free."""
         return bool(self.edges_are_free(path).all())
-
-    @abstractmethod
-    def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
-        """Find a path by a built-in search.
-
-        Returns its waypoints and the proof of a lattice, in words. There are no waypoints if the search fails.
-        """
-
-    def shorten(self, path: Floats, until: float) -> Floats:
-        """Shorten a path by free edges between its points.
-
-        It stops when the clock reads ``until``.
-        """
-        check = below_half_a_turn(self.edge_checker(), self.space.periodic_axes)
-        rotations = self.space.rotations if isinstance(self.space, ConfigurationMap) else Rotations.of(None)
-        return pulled_straight(path, rotations, lambda *edge: clock() < until and check(*edge))
 
     def wrap_yaws(self, path: Floats) -> Floats:
         """Wrap the yaws of a path into [-pi, pi)."""
@@ -372,24 +342,6 @@ class EdgesOnMap(LocalPlanner):
         """Wrap the yaws of a path into [-pi, pi)."""
         return wrapped(path, [name == "yaw" for name in self.space.axes])
 
-    def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
-        """Find a path by "Grid", "MaxClearance" or "Lattice"."""
-        if search.planner == LATTICE:
-            find_lattice_path = resolve_name("planners.lattice:find_lattice_path")  # which imports this module
-            return cast(tuple[Floats, str], find_lattice_path(self, endpoints, search.simplify, seconds))
-        if search.planner == MAX_CLEARANCE:
-            return self.space.find_widest_path(*endpoints, straight=search.simplify, time_limit=seconds), ""
-        if search.objective is not None:
-            find_clear_path = resolve_name("planners.objectives:find_clear_path")  # which imports this module
-            return find_clear_path(self, endpoints, search.simplify, seconds), ""
-        options = {"exact": True} if self.exact else {}  # only maps in memory have geometry
-        return self.space.find_path(*endpoints, straight=search.simplify, time_limit=seconds, **options), ""
-
-    def shorten(self, path: Floats, until: float) -> Floats:
-        """Shorten a path until a reading of the clock."""
-        shorten_path = resolve_name("planners.lattice:shorten_path")  # which imports this module
-        return cast(Floats, shorten_path(self, path, until))
-
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return the metres and radians of a path."""
         pieces = self.split_path(path, math.inf, math.inf)
@@ -507,10 +459,6 @@ class StraightEdges(EdgesOnMap):
         """Make ``check(*q0, *q1)``, which proves a straight edge free."""
         return self.straight_checker()
 
-    def shorten(self, path: Floats, until: float) -> Floats:
-        """Shorten a path until a reading of the clock."""
-        return LocalPlanner.shorten(self, path, until)
-
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the straight edge."""
         from planners.integrals import make_edge_cost
@@ -569,7 +517,6 @@ class TurnDriveTurn(StraightEdges):
     """
 
     built_in_searches = (LATTICE,)
-    shorten = EdgesOnMap.shorten
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space of curves with a tiny turning radius."""
@@ -693,15 +640,6 @@ class JointMotions(LocalPlanner):
         """Return whether each motion is proven free, shape (n - 1,)."""
         starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return np.asarray(self.space.motion_is_free(starts, ends))
-
-    def search(self, search: SearchOptions, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
-        """Find a path by "BiRRT", the arm's own search.
-
-        Without simplification, it returns the first path.
-        """
-        options = {"iterations": search.iterations if search.simplify else 0, "seed": search.seed}
-        start, *goals = endpoints
-        return self.space.find_path(start, goals, straight=search.simplify, time_limit=seconds, **options), ""
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of motions in the joints, shape (n,)."""

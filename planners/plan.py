@@ -6,11 +6,12 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
 from cspace.check import check_count, check_flag, check_positive
 from cspace.compiling import clock
@@ -29,6 +30,7 @@ from planners.catalogue import (
     planner_named,
     planner_names,
 )
+from planners.lattice import find_lattice_path
 from planners.local_planner import (
     CAR_AXES,
     CURVES,
@@ -42,10 +44,17 @@ from planners.local_planner import (
     format_point,
     local_planner,
 )
-from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
+from planners.objectives import (
+    ClearanceObjective,
+    OverlapObjective,
+    WeightedLength,
+    edges_on_map,
+    find_clear_path,
+    overlap_field,
+)
 from planners.passages import Passages
 from planners.result import Plan, Times
-from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
+from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult, shorten
 from planners.setup import MakeObjective
 from planners.states import kind_of
 
@@ -469,14 +478,34 @@ def _search(
 def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float) -> SearchResult:
     """Run a built-in search; "Grid" leaves time for a fallback."""
     # A search from the start to itself fills the caches of the map, which the time limit leaves out.
-    edges.search(replace(search, simplify=False), (endpoints[0], endpoints[0]), limit)
+    _find_path(replace(search, simplify=False), edges, (endpoints[0], endpoints[0]), limit)
     seconds = limit
     if search.fallback is not None and search.planner == GRID:
         seconds = max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
-    path, proof = edges.search(search, endpoints, seconds)
+    path, proof = _find_path(search, edges, endpoints, seconds)
     is_by_length = search.planner == LATTICE or (search.planner == GRID and search.objective is None)
     return SearchResult(path, NO_SEARCH * (is_by_length and len(path) == 2), clock() - began, lattice=proof)
+
+
+def _find_path(search: Search, edges: LocalPlanner, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
+    """Find a path by a built-in search.
+
+    Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice proves, in words.
+    """
+    straight = search.simplify
+    if not isinstance(edges, EdgesOnMap):
+        start, *goals = endpoints
+        iterations, find = search.iterations if straight else 0, cast(ArmSpace, edges.space).find_path
+        return find(start, goals, straight=straight, iterations=iterations, seed=search.seed, time_limit=seconds), ""
+    if search.planner == LATTICE:
+        return find_lattice_path(edges, endpoints, straight, seconds)
+    if search.planner == MAX_CLEARANCE:
+        return edges.space.find_widest_path(*endpoints, straight=straight, time_limit=seconds), ""
+    if search.objective is not None:
+        return find_clear_path(edges, endpoints, straight, seconds), ""
+    exact = {"exact": True} if edges.exact else {}  # only maps in memory have geometry
+    return edges.space.find_path(*endpoints, straight=straight, time_limit=seconds, **exact), ""
 
 
 def _search_passages(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
@@ -491,7 +520,7 @@ def _search_passages(search: Search, edges: EdgesOnMap, endpoints: Endpoints, li
     if not len(path):
         return search.run(edges, endpoints, max(left - (clock() - began), 1e-3))
     planning, began = result.planning + clock() - began, clock()
-    path = edges.shorten(path, began + limit - planning) if search.simplify else path
+    path = shorten(edges, path, began + limit - planning) if search.simplify else path
     return SearchResult(path, "through undecided passages", planning, clock() - began)
 
 

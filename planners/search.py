@@ -24,6 +24,9 @@ from ompl import util as ou
 
 from cspace.arrays import Floats
 from cspace.compiling import clock
+from cspace.map.paths import pulled_straight
+from cspace.map.periodic import below_half_a_turn
+from cspace.rotations import Rotations
 from planners.catalogue import (
     BIDIRECTIONAL_BY_DRIVE,
     PLANNERS_WITHOUT_OBJECTIVE,
@@ -31,9 +34,10 @@ from planners.catalogue import (
     make_planner,
     planner_named,
 )
-from planners.local_planner import Endpoints, LocalPlanner, SearchOptions
+from planners.lattice import shorten_path
+from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, LocalPlanner
 from planners.objectives import WeightedLength
-from planners.setup import make_setup
+from planners.setup import MakeObjective, make_setup
 from planners.states import kind_of
 
 GRACE_SECONDS: Final = 0.1
@@ -142,9 +146,14 @@ class SearchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Search(SearchOptions):
-    """Planner and options of a search, which OMPL may run."""
+class Search:
+    """Planner and options of a search."""
 
+    planner: str  # name of a planner of OMPL, or of a built-in search
+    objective: MakeObjective | None = None  # takes the space information; None for the length
+    iterations: int | None = None  # largest number of checks of OMPL's termination condition
+    simplify: bool = True
+    seed: int | None = None
     fallback: str | None = None  # planner that takes over if this one finds no path
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
@@ -164,6 +173,15 @@ class Search(SearchOptions):
             if run.by_length and edges.edge_checker()(*endpoints[0], *endpoints[1]):
                 return SearchResult(kind_of(edges.space).unwind(np.array(endpoints[:2])), NO_SEARCH)
             return run.solve(time_limit)
+
+
+def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
+    """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
+    if isinstance(edges, EdgesOnMap) and edges.drive != HOLONOMIC:
+        return shorten_path(edges, path, until)
+    check = below_half_a_turn(edges.edge_checker(), edges.space.periodic_axes)
+    rotations = edges.space.rotations if isinstance(edges, EdgesOnMap) else Rotations.of(None)
+    return pulled_straight(path, rotations, lambda *edge: clock() < until and check(*edge))
 
 
 class _Run:
@@ -265,7 +283,7 @@ class _Run:
             with Deadline(seconds, self._refusing, self._raising) as deadline:
                 better = self._rows(self._improve(self._setup.getSolutionPath(), deadline))
             return edges.remove_turns(better) if self._kind.reached_goal(better, self._endpoints) else fallback
-        shorter = edges.shorten(path, clock() + seconds)
+        shorter = shorten(edges, path, clock() + seconds)
         lengths = [float(edges.edge_lengths(rows[:-1], rows[1:]).sum()) for rows in (shorter, fallback)]
         return shorter if lengths[0] <= lengths[1] else fallback
 

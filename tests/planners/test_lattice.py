@@ -1,6 +1,7 @@
 """The search on a lattice of headings: proofs, lengths, failures, parking, and the map of an office."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +141,9 @@ def test_the_status_says_that_the_lattice_has_no_path(options: dict[str, Any]) -
 
 
 def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("planners.lattice.find_lattice_path", lambda *_: (np.empty((0, 3)), "the lattice gave up"))
+    monkeypatch.setattr(
+        sys.modules["planners.plan"], "find_lattice_path", lambda *_: (np.empty((0, 3)), "the lattice gave up")
+    )
     space, (start, goal) = build_room("turning"), ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0))
     plan = planners.plan(space, start, goal, drive="differential", seed=1, time_limit=20.0)
     assert plan.certified and plan.status == "path found: by RRTConnect, as Lattice found none"

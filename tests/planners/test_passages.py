@@ -11,7 +11,6 @@ import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.search import open_chain
-from planners.local_planner import EdgesOnMap
 from tests.maps import proven_paths
 from tests.placements import collides
 from tests.planning import build_three_rooms, compile_for, sample_edge
@@ -104,7 +103,7 @@ def test_grid_plans_by_default_and_ompl_takes_over_if_it_finds_nothing(monkeypat
     assert len(plan.waypoints) < 60
     long = planners.plan(space, *endpoints, exact=exact, time_limit=20, simplify=False)
     assert long.certified and len(long.waypoints) > len(plan.waypoints)
-    monkeypatch.setattr(EdgesOnMap, "search", lambda *how: (np.empty((0, space.size)), ""))
+    monkeypatch.setattr(cspace.CSpace, "find_path", lambda *how, **options: np.empty((0, space.size)))
     late = planners.plan(space, *endpoints, exact=exact, seed=0, time_limit=2.0)
     assert not late.solved or late.status == "path found: by RRTConnect, as Grid found none"
 
