@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
@@ -89,6 +90,7 @@ class ArmCanvas(Canvas):
         self._marks = dict(self.endpoints)
         self.robot = self.endpoints["start"]
         self._nodes: list[str] = []
+        self._links_lock = threading.RLock()  # one thread draws links anew while others move and colour them
         self._is_stale = False
         self._draw_bodies()
         self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
@@ -151,8 +153,9 @@ class ArmCanvas(Canvas):
         Colour the arm by its state, and draw the pair.
         """
         state = int(self._space.classify(q))
-        for link in self._links["robot"].values():
-            link.color = rgb(STATE_COLORS[state])
+        with self._links_lock:
+            for link in self._links["robot"].values():
+                link.color = rgb(STATE_COLORS[state])
         try:
             contact = self._space.closest(q)
         except InputError:  # the arm has no obstacle and no pair of links to check
@@ -187,7 +190,7 @@ class ArmCanvas(Canvas):
         """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
         space, color = self._space, KINDS["obstacles"].color
         self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
-        with self._server.atomic():
+        with self._links_lock, self._server.atomic():
             for node in self._nodes:
                 self._server.scene.remove_by_name(node)
             for name, surface in figure.obstacles.items():
@@ -319,19 +322,21 @@ class ArmCanvas(Canvas):
 
     def _show_marks(self) -> None:
         """Show the arms at start and goal, except where the robot is, whose colour they would change."""
-        for name, q in self._marks.items():
-            self._labels[name].visible = self._shows_marks
-            apart = not np.allclose(q, self.robot, atol=1e-3)
-            for link in self._links[name].values():
-                link.visible = self._shows_marks and apart
+        with self._links_lock:
+            for name, q in self._marks.items():
+                self._labels[name].visible = self._shows_marks
+                apart = not np.allclose(q, self.robot, atol=1e-3)
+                for link in self._links[name].values():
+                    link.visible = self._shows_marks and apart
 
     def _pose_arm(self, name: str, q: Floats) -> None:
         """Move the links of an arm to a configuration."""
         poses = self._space.arm.poses(q)
-        with self._server.atomic():
+        with self._links_lock, self._server.atomic():
             for link, handle in self._links[name].items():
-                handle.position = poses[link][:3, 3]
-                handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(scalar_first=True)
+                if link in poses:  # it may be detached but not yet erased
+                    handle.position = poses[link][:3, 3]
+                    handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(scalar_first=True)
 
     def _frame_scene(self) -> float:
         """Place the camera in front of the arm and its obstacles.

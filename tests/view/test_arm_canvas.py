@@ -123,6 +123,20 @@ def test_refresh_draws_the_scene_as_it_is_now(tmp_path: Path) -> None:
         assert not node(viewer, "/robot/ball") and not node(viewer, "/start/ball")
 
 
+def test_the_arm_moves_while_the_scene_is_drawn_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path)))
+    with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
+        for k in range(100):
+            if k % 10 == 0:
+                space.attach("ball", cspace.Robot.ball(0.1), "fore", pose_at(1.0, 0.0))
+            viewer.refresh()
+            viewer.page.move(np.array([0.3, 0.01 * k]))
+            if k % 10 == 5:
+                space.detach("ball")
+        assert viewer.page.wait(60.0)
+    assert not caplog.records
+
+
 def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
     bar = ((0.3, 0.1, 0.1), (0.15, 0, 0))
     arm = cspace.Arm.from_urdf(
