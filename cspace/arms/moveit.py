@@ -126,13 +126,6 @@ class PlanningScene:
             touching = [link for link in each.touch_links if link in links]
             pose = self._pose_on_link(bare, each, base_pose)
             arm = arm.attach(name, each.shape.shape, each.link, pose, touching)
-        if self._plane_radius is not None:
-            reach = float(np.linalg.norm(base_pose[:3, 3])) + measure_arm_reach(arm)
-            if reach > self._plane_radius:
-                rule = f"the arm reaches {reach:.6g} m from the origin of the scene"
-                hint = "pass a larger one to read_moveit_scene"
-                argument, problem = f"{self.source}: plane_radius", f"is {self._plane_radius:g}"
-                raise InputError(argument, problem, rule, hint, value=self._plane_radius)
         if self._contacts is None:
             return arm, set()
         names = [link.name for link in arm.links]
@@ -165,6 +158,17 @@ class PlanningScene:
                 problem = f"moves the frame {frame!r} by fixed_frame_transforms"
                 hint = "remove that transform, or correct base_pose="
                 raise InputError(self.source, problem, "the arm has it elsewhere", hint, value=frame)
+
+    def _check_plane_radius(self, arm: Arm, base_pose: Floats, distance: float) -> None:
+        """Raise InputError if planes end nearer than ``distance`` metres beyond the arm's reach."""
+        if self._plane_radius is None:
+            return
+        reach = float(np.linalg.norm(base_pose[:3, 3])) + measure_arm_reach(arm) + distance
+        if reach > self._plane_radius:
+            rule = f"the arm reaches {reach:.6g} m from the origin of the scene, margin and padding included"
+            hint = "pass a larger one to read_moveit_scene"
+            argument, problem = f"{self.source}: plane_radius", f"is {self._plane_radius:g}"
+            raise InputError(argument, problem, rule, hint, value=self._plane_radius)
 
     def _pad_links(self, arm: Arm) -> dict[str, float]:
         """Return the padding of links with geometry, and of what they carry, metres, for an arm with all objects."""
@@ -228,8 +232,8 @@ def read_moveit_scene(
         As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
     plane_radius : float, optional
         Metres around the origin of the scene. A square replaces each plane and covers it within this radius. Required
-        if the scene has planes. :func:`cspace.build_arm_space` refuses a radius that the arm, with all that it carries,
-        could reach beyond; what is attached later must stay within it too.
+        if the scene has planes. :func:`cspace.build_arm_space` refuses a radius that the arm could reach beyond,
+        with all that it carries, margin and padding. What is attached or padded later must stay within it too.
     package_dirs : path-like, or sequence of path-like
         Folders that contain the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 

@@ -893,12 +893,13 @@ def build_arm_space(
         random configurations.
     """
     pairs, extra = set[Names](), dict[str, float]()
+    given, scene = None if base_pose is None else check_rigid(base_pose, "base_pose"), None
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
-        given = None if base_pose is None else check_rigid(base_pose, "base_pose")
-        base_pose = placed_base = find_base_pose(scene.frame, arm, scene.source) if given is None else given
-        (arm, pairs), obstacles = scene._place(arm, placed_base), scene.obstacles
+        given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
+        (arm, pairs), obstacles = scene._place(arm, given), scene.obstacles
         extra = scene._pad_links(arm)
+    pose = np.eye(4) if given is None else given
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
     for name in named:
@@ -910,7 +911,9 @@ def build_arm_space(
     min_distance = check_not_negative(margin, "margin")
     for name, metres in ({} if padding is None else padding).items():
         extra[check_known(name, "padding", known, "names")] = check_not_negative(metres, f"padding of {name}")
-    base = np.linalg.inv(np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")).astype(np.float64)
+    if scene is not None:  # the padding of a pair is that of two names
+        scene._check_plane_radius(arm, pose, min_distance + sum(sorted(extra.values())[-2:]))
+    base = np.linalg.inv(pose).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)
 

@@ -309,6 +309,9 @@ def test_planes_end_beyond_the_reach_of_the_arm(tmp_path: Path) -> None:
         build_arm_space(read_moveit_scene(path, plane_radius=4.0), arm, base_pose=far)
     with pytest.raises(InputError, match="plane_radius is 2; the arm reaches"):
         build_arm_space(read_moveit_scene(path, plane_radius=2.0), arm, base_pose=np.eye(4))
+    for options in ({"margin": 1.4}, {"padding": {"fore": 1.4}}):  # the arm must stay away from planes by that much
+        with pytest.raises(InputError, match="plane_radius is 4; the arm reaches"):
+            build_arm_space(read_moveit_scene(path, plane_radius=4.0), arm, base_pose=np.eye(4), **options)
 
 
 @refusals(
