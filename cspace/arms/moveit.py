@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.inverse import PoseGoal
-from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, measure_arm_reach, sort_pair
+from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms.solids import PosedShape, check_rigid
 from cspace.arrays import Floats, StrPath
 from cspace.check import check_known, check_positive
@@ -97,7 +97,6 @@ class PlanningScene:
     _contacts: Contacts | None
     _ids: dict[str, str]
     _motions: Mapping[str, tuple[str, Floats]]
-    _plane_radius: float | None
 
     def __repr__(self) -> str:
         """Return the file and the number of objects."""
@@ -158,17 +157,6 @@ class PlanningScene:
                 problem = f"moves the frame {frame!r} by fixed_frame_transforms"
                 hint = "remove that transform, or correct base_pose="
                 raise InputError(self.source, problem, "the arm has it elsewhere", hint, value=frame)
-
-    def _check_plane_radius(self, arm: Arm, base_pose: Floats, distance: float) -> None:
-        """Raise InputError if planes end nearer than ``distance`` metres beyond the arm's reach."""
-        if self._plane_radius is None:
-            return
-        reach = float(np.linalg.norm(base_pose[:3, 3])) + measure_arm_reach(arm) + distance
-        if reach > self._plane_radius:
-            rule = f"the arm reaches {reach:.6g} m from the origin of the scene, margin and padding included"
-            hint = "pass a larger one to read_moveit_scene"
-            argument, problem = f"{self.source}: plane_radius", f"is {self._plane_radius:g}"
-            raise InputError(argument, problem, rule, hint, value=self._plane_radius)
 
     def _pad_links(self, arm: Arm) -> dict[str, float]:
         """Return the padding of links with geometry, and of what they carry, metres, for an arm with all objects."""
@@ -232,8 +220,8 @@ def read_moveit_scene(
         As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
     plane_radius : float, optional
         Metres around the origin of the scene. A square replaces each plane and covers it within this radius. Required
-        if the scene has planes. :func:`cspace.build_arm_space` refuses a radius that the arm could reach beyond,
-        with all that it carries, margin and padding. What is attached or padded later must stay within it too.
+        if the scene has planes. A space refuses a radius that its arm could reach beyond, with all that it carries,
+        margin and padding.
     package_dirs : path-like, or sequence of path-like
         Folders that contain the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 
@@ -277,12 +265,12 @@ def read_moveit_scene(
                 problem, hint = f"{problem}, which fixed_frame_transforms move", "write it in the frame of the scene"
                 raise ContentError(problem, "an arm's base is fixed", hint)
         contacts = parse_contacts(table.get("allowed_collision_matrix"))
-    obstacles = {shape.name: PosedShape(shape.shape, shape.pose) for shape in content.shapes}
-    radius = None if ball is None or not any(shape.is_plane for shape in content.shapes) else ball[1]
+    obstacles = {
+        each.name: PosedShape(each.shape, each.pose, plane_radius=plane_radius if each.is_plane else None)
+        for each in content.shapes
+    }
     values = JointValues(state.joints)
-    return PlanningScene(
-        source, content.frame, obstacles, attached, values, padding, contacts, ids, content.motions, radius
-    )
+    return PlanningScene(source, content.frame, obstacles, attached, values, padding, contacts, ids, content.motions)
 
 
 class JointGoal(NamedTuple):

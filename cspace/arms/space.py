@@ -163,8 +163,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`;
-            nothing changes then.
+            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`,
+            or a plane that ends within the arm's reach; nothing changes then.
         ConfigurationError
             If no configuration would be free, as for :func:`cspace.build_arm_space`; nothing changes then.
 
@@ -254,8 +254,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, or no obstacle has the name.
-            Nothing changes then.
+            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, no obstacle has the name, it is a
+            plane, or a plane would end within the arm's reach. Nothing changes then.
         ConfigurationError
             If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
         """
@@ -266,6 +266,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             if shape is None:
                 filled = {each: placed for each, placed in left.items() if placed is not None}
                 placed = filled[check_known(name, "name", filled)]
+                if placed.plane_radius is not None:
+                    raise InputError("name", f"is {name!r}", "a plane has no end", "attach a box", value=name)
                 del left[name]
                 point = self._check_configuration(q, "q", "it says where the obstacle is on the link")
                 if pose is not None:
@@ -333,7 +335,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If the name is unknown, or the padding is negative; nothing changes then.
+            If the name is unknown, the padding is negative, or a plane would end within the arm's reach; nothing
+            changes then.
         ConfigurationError
             If no configuration would be free; nothing changes then.
         """
@@ -887,13 +890,13 @@ def build_arm_space(
     ------
     InputError
         If a name is taken by a link or unknown, an obstacle is in the plane, a pose is no rigid motion, the margin is
-        negative, or cells do not fit into memory.
+        negative, a plane of a planning scene ends within the arm's reach, or cells do not fit into memory.
     ConfigurationError
         If an obstacle touches a link that no joint moves, or if a pair that at most two joints move touches in all 1000
         random configurations.
     """
     pairs, extra = set[Names](), dict[str, float]()
-    given, scene = None if base_pose is None else check_rigid(base_pose, "base_pose"), None
+    given = None if base_pose is None else check_rigid(base_pose, "base_pose")
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
         given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
@@ -911,8 +914,6 @@ def build_arm_space(
     min_distance = check_not_negative(margin, "margin")
     for name, metres in ({} if padding is None else padding).items():
         extra[check_known(name, "padding", known, "names")] = check_not_negative(metres, f"padding of {name}")
-    if scene is not None:  # the padding of a pair is that of two names
-        scene._check_plane_radius(arm, pose, min_distance + sum(sorted(extra.values())[-2:]))
     base = np.linalg.inv(pose).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)

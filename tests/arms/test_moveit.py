@@ -3,6 +3,7 @@
 import json
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from functools import reduce
 from itertools import product
 from pathlib import Path
@@ -303,15 +304,40 @@ def test_planes_end_beyond_the_reach_of_the_arm(tmp_path: Path) -> None:
     near = build_arm_space(read_moveit_scene(path, plane_radius=4.0), arm, base_pose=np.eye(4))
     again = build_arm_space(read_moveit_scene(path, plane_radius=14.0), arm, base_pose=far)
     assert not near.is_free((1.5, 0.0)) and not again.is_free((1.5, 0.0)) and near.is_free((0.0, 0.0))
-    with pytest.raises(
-        InputError, match=r"plane_radius is 4; the arm reaches 12.8[0-9]+ m from the origin of the scene"
-    ):
+    with pytest.raises(InputError, match=r"plane_radius of 'wall' is 4; the arm reaches 12.8[0-9]+ m from the origin"):
         build_arm_space(read_moveit_scene(path, plane_radius=4.0), arm, base_pose=far)
-    with pytest.raises(InputError, match="plane_radius is 2; the arm reaches"):
+    with pytest.raises(InputError, match="plane_radius of 'wall' is 2; the arm reaches"):
         build_arm_space(read_moveit_scene(path, plane_radius=2.0), arm, base_pose=np.eye(4))
     for options in ({"margin": 1.4}, {"padding": {"fore": 1.4}}):  # the arm must stay away from planes by that much
-        with pytest.raises(InputError, match="plane_radius is 4; the arm reaches"):
+        with pytest.raises(InputError, match="plane_radius of 'wall' is 4; the arm reaches"):
             build_arm_space(read_moveit_scene(path, plane_radius=4.0), arm, base_pose=np.eye(4), **options)
+
+
+def test_planes_end_beyond_the_reach_of_a_changed_arm(tmp_path: Path) -> None:
+    """Change an arm or a plane, so that the arm would reach past the end of the plane."""
+    wall = {"id": "wall", "planes": [{"coef": [0, 1, 0, -2.9]}], "header": {"frame_id": "hall"}}
+    plane = read_moveit_scene(write_scene(tmp_path, wall), plane_radius=4.0).obstacles["wall"]
+    space, bar, away = build_arm_space({}, read_arm(tmp_path)), Robot.box((2.5, 0.05, 0.05)), np.eye(4)
+    space.add_obstacle("wall", plane)
+    away[0, 3] = 9.0
+    changes: list[Callable[[], None]] = [
+        lambda: space.attach("bar", bar, "tool", None, ["left", "right", "fore", "upper"]),
+        lambda: space.set_padding("fore", 1.4),
+        lambda: space.set_padding("wall", 1.4),
+        lambda: space.add_obstacle("wall", plane, away),
+        lambda: space.add_obstacle("wall", plane, padding=1.4),
+    ]
+    before = space.arm, space.padding, space.obstacles
+    for change in changes:
+        with pytest.raises(InputError, match="plane_radius of 'wall' is 4; the arm reaches"):
+            change()
+        assert (space.arm, space.padding, space.obstacles) == before
+    with pytest.raises(InputError, match="name is 'wall'; a plane has no end; attach a box"):
+        space.attach("wall", None, "tool", q=(0.0, 0.0))
+    space.remove_obstacle("wall")
+    changes[0]()
+    with pytest.raises(InputError, match="plane_radius of 'wall' is 4; the arm reaches"):
+        space.add_obstacle("wall", plane)
 
 
 @refusals(
