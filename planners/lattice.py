@@ -403,16 +403,18 @@ def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges.
 
-    The edges join waypoints, and points between waypoints. The result is the cheapest such path; after ``until``, no
-    more shortcuts are sought.
+    The edges join waypoints, and points between waypoints. The result is the cheapest such path; after ``until``, the
+    rest of the path stays as it is.
     """
     check, given = edges.edge_checker(), path
     for _ in range(SHORTENING_ROUNDS):
         path = _with_points_between(edges, path)
         # Dynamic programming: each point is joined to the earlier point that gives the cheapest path.
-        previous, total = np.zeros(len(path), dtype=np.int64), np.zeros(len(path))
+        previous, total = np.arange(-1, len(path) - 1), np.zeros(len(path))
         apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
         for k in range(1, len(path)):
+            if clock() >= until:
+                break  # the remaining points keep the points before them
             earlier = k - apart[apart <= k]
             costs = total[earlier] + _edge_costs(edges, path[earlier], path[k]) + COST_PER_EDGE
             for index in np.argsort(costs, kind="stable").tolist():

@@ -9,7 +9,10 @@ import pytest
 
 import planners
 from cspace import MIXED, Robot, Workspace, build
+from cspace.compiling import clock
+from planners import lattice
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
+from planners.local_planner import TurnDriveTurn
 from planners.search import Deadline, OutOfTime
 from tests.planning import (
     ANYTIME_PLANNERS,
@@ -20,6 +23,7 @@ from tests.planning import (
     compile_for,
     options_for,
 )
+from tests.soak.drives import weighted_length
 
 LIMIT = 0.015
 """Time limit in seconds."""
@@ -78,6 +82,36 @@ def test_grid_search_keeps_the_time_limit() -> None:
     planners.plan(space, start, start, planner="Grid")
     plan = in_time(space, (start, goal), planner="Grid")
     assert not plan.solved and plan.status == f"no path found within {LIMIT} s; a path exists"
+
+
+@pytest.mark.parametrize(
+    ("options", "owner", "name"),
+    [
+        ({"drive": "reeds-shepp", "turning_radius": 0.1}, lattice, "curve_costs"),
+        ({"drive": "differential"}, TurnDriveTurn, "edge_lengths"),
+    ],
+    ids=["car", "turns on the spot"],
+)
+def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
+    options: dict[str, Any], owner: Any, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Only the costs of edges take time, 50 ms for each waypoint.
+    space, endpoints, now, compute_costs = build_room("turning"), ENDPOINTS["turning"], [0.0], getattr(owner, name)
+
+    def slow(*args: Any) -> Any:
+        now[0] += 0.05
+        return compute_costs(*args)
+
+    monkeypatch.setattr(owner, name, slow)
+    monkeypatch.setattr(type(clock), "__call__", lambda _: now[0])
+    rough = planners.plan(space, *endpoints, planner="Lattice", simplify=False, time_limit=0.01, **options)
+    assert rough.certified and now[0] == 0.0
+    plan = planners.plan(space, *endpoints, planner="Lattice", time_limit=0.01, **options)
+    assert plan.certified and 0.0 < plan.times.planning < 0.01 + 0.25
+    # The waypoints that were not reached in time stay.
+    unhurried = planners.plan(space, *endpoints, planner="Lattice", time_limit=1000.0, **options)
+    assert unhurried.certified and unhurried.times.planning > 1.0
+    assert weighted_length(unhurried) < weighted_length(plan) < weighted_length(rough) + 1e-9
 
 
 def test_the_search_for_the_widest_path_keeps_the_time_limit() -> None:
