@@ -174,8 +174,8 @@ class Nodes(NamedTuple):
 def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float) -> tuple[Floats, str]:
     """Find a path on a lattice, and shorten it.
 
-    The map is in memory. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the search finds no path in
-    time, n is 0. The note names a lattice that has no path.
+    The map is in memory. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the search finds no path, n
+    is 0. The note names a lattice that has no path, or what ended the search before its time.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     if edges.edge_checker()(*start, *goal):
@@ -198,8 +198,11 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, s
             if nodes.counts[LAST_NODE] >= 0:
                 traced = _trace(lattice, nodes)
                 if not edges.are_free(traced):
-                    return path, note
+                    return path, note or "rounding keeps the path of the lattice from being proven"
                 return shorten_path(edges, traced, until + MAX_SHORTENING_SECONDS) if simplify else traced, ""
+        is_full = nodes.counts[NODE_COUNT] >= MAX_NODES[level]
+        end = f"ended at its limit of {MAX_NODES[level]:,} nodes" if is_full else "reached no more nodes"
+        note = note or f"the lattice search {end}"
     except TimeoutError:
         pass
     return path, note

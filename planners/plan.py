@@ -535,19 +535,20 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
     if isinstance(edges, EdgesOnMap):
         sideways = "a path exists" if edges.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
         existence = sideways if exists else "undecided whether one exists"
-    hints = _list_hints(task, exists)
+    is_late = result.planning >= 0.95 * task.time_limit
+    hints = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
     if not edges.may_join(exists):
         return f"{NO_CHAIN}; {existence}", hint
     failure = f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
-    if result.planning >= 0.95 * task.time_limit:
+    if is_late:
         failure = f"no path found within {task.time_limit:g} s{result.where}"
     limits = _describe_free_yaws(edges, task.endpoints) if isinstance(edges, EdgesOnMap) else []
     return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
 
 
-def _list_hints(task: _Task, exists: bool | None) -> list[str]:
-    """List hints for a failed search."""
+def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
+    """List hints for a failed search, which the time limit ended if ``is_late``."""
     edges, planner, more = task.edges, task.search.planner, f"more time (time_limit={10 * task.time_limit:g})"
     if not isinstance(edges, EdgesOnMap):
         return [more, "another seed", "another planner"]
@@ -560,7 +561,10 @@ def _list_hints(task: _Task, exists: bool | None) -> list[str]:
     if exists is None:
         return [finer, more]
     if edges.drive != HOLONOMIC:
-        return [more, *["a smaller turning_radius"] * (edges.drive in CURVES), "another planner"]
+        # More time does not help Lattice if its search ended before.
+        needs_more = is_late or planner != LATTICE or task.search.fallback is not None
+        other = "another planner" if needs_more else f"planner={planner_named(None, edges.drive)!r}"
+        return [*[more] * needs_more, *["a smaller turning_radius"] * (edges.drive in CURVES), other]
     if planner == GRID:
         return [more, "planner='RRTConnect'"]
     given = {"exact=True": edges.exact, "objective": task.objective != "length", "iterations": task.search.iterations}

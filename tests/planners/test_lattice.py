@@ -140,6 +140,45 @@ def test_the_status_says_that_the_lattice_has_no_path(options: dict[str, Any]) -
     assert ahead.certified and "no search needed" in ahead.status
 
 
+def dead_end() -> CSpace:
+    """Return a map of a room with a corridor too narrow to turn in, which ends at a wall."""
+    occupied = fill_boxes((80, 40), np.s_[:50, :15], np.s_[:50, 20:])
+    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=72)
+
+
+def test_a_search_that_ends_at_its_limit_of_nodes_does_not_ask_for_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planners.lattice.MAX_NODES", (10, 10, 2000))
+    # A robot that turns on the spot finds its way around a long wall late.
+    occupied = fill_boxes((600, 60), np.s_[:570, 28:31])
+    space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.3), rotations=24)
+    plan = planners.plan(
+        space, (0.7, 0.7, 0.0), (1.0, 5.0, 3.1), planner="Lattice", time_limit=1000.0, drive="differential"
+    )
+    assert not plan.solved and plan.hint == "planner='RRTConnect'"
+    assert "the lattice search ended at its limit of 10 nodes; one exists for a robot that" in plan.status
+    # A car that cannot enter the corridor in reverse searches the whole room.
+    car: dict[str, Any] = {"drive": "dubins", "turning_radius": 0.3, "planner": "Lattice", "time_limit": 1000.0}
+    plan = planners.plan(dead_end(), (6.5, 1.75, 0.0), (1.0, 1.75, 1e-3), **car)
+    assert not plan.solved and plan.hint == "a smaller turning_radius, or planner='RRT'"
+    assert "the lattice search ended at its limit of 2,000 nodes; one exists for a robot that" in plan.status
+
+
+@pytest.mark.parametrize("options", [DRIVES[0], DRIVES[2]], ids=[IDS[0], IDS[2]])
+def test_a_search_without_nodes_left_does_not_ask_for_more_time(options: dict[str, Any]) -> None:
+    query = ((1.0, 1.75, math.pi - 1e-3), (6.5, 1.75, 0.0))
+    plan = planners.plan(dead_end(), *query, planner="Lattice", time_limit=1000.0, **options)
+    assert not plan.solved
+    if options["drive"] == "dubins":
+        assert "; the lattice search reached no more nodes; one exists for a robot that" in plan.status
+        assert plan.hint == "a smaller turning_radius, or planner='RRT'"
+    else:
+        assert "; the lattice of 17 headings has no path; one exists for a robot that" in plan.status
+        assert plan.hint == "planner='RRTConnect'"
+    late = planners.plan(dead_end(), *query, planner="Lattice", time_limit=1e-6, **options)
+    assert "no path found within" in late.status and "nodes" not in late.status
+    assert late.hint.startswith("more time (time_limit=1e-05), ")
+
+
 def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         sys.modules["planners.plan"], "find_lattice_path", lambda *_: (np.empty((0, 3)), "the lattice gave up")
@@ -201,11 +240,8 @@ def test_a_car_leaves_one_gap_of_a_full_parking_lot_for_another(data: Path, radi
 @pytest.mark.parametrize("options", DRIVES, ids=IDS)
 def test_the_lattice_leaves_a_dead_end_as_the_drive_may(options: dict[str, Any]) -> None:
     """In a corridor too narrow to turn, only robots that reverse leave in the other direction."""
-    space = build(Workspace.from_array(fill_boxes((80, 40), np.s_[:50, :15], np.s_[:50, 20:]), 0.1),
-                  Robot.rectangle(0.6, 0.3), rotations=72)  # fmt: skip
-    plan = planners.plan(
-        space, (1.0, 1.75, math.pi - 1e-3), (6.5, 1.75, 0.0), time_limit=2.0, planner="Lattice", **options
-    )
+    query = ((1.0, 1.75, math.pi - 1e-3), (6.5, 1.75, 0.0))
+    plan = planners.plan(dead_end(), *query, time_limit=2.0, planner="Lattice", **options)
     assert plan.solved == plan.certified == (options["drive"] in ("differential-reverse", "reeds-shepp"))
 
 
