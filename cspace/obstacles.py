@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import mmap
 import os
 from collections.abc import Iterable, Sequence
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Box, Ints
 from cspace.check import check_cells, check_dims
@@ -28,6 +30,9 @@ from cspace.shapes import Shape, Voxels
 
 _LAZY_PACKAGES: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})
 """Packages whose arrays read their values when they are indexed."""
+
+_DIGESTED_CELLS: Final = 2**26
+"""Approximate number of cells that are read at a time for their digest."""
 
 
 class Source(Protocol):
@@ -84,8 +89,8 @@ class LazyCells:
 
     same: Final = True
 
-    def __init__(self, array: Any) -> None:
-        self.array, self.shape = array, tuple(int(n) for n in array.shape)
+    def __init__(self, array: Any, digest: str = "") -> None:
+        self.array, self.shape, self._digest = array, tuple(int(n) for n in array.shape), digest
         check_cells(np.zeros((1,) * len(self.shape), dtype=array.dtype), "occupied")
         if 0 in self.shape:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
@@ -114,11 +119,11 @@ class LazyCells:
 
     @property
     def stamp(self) -> str:
-        """Digest of the array's shape and files.
+        """Digest of the array's shape, place and files.
 
         It contains the sizes and times of the files.
         """
-        parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
+        parts = [f"{self.shape} {np.dtype(self.array.dtype).str} {self._place}"]
         for file in self._files():
             for path in _files_to_watch(file):
                 try:
@@ -127,6 +132,34 @@ class LazyCells:
                     raise changed_source(str(file), f"it cannot be read any more ({error.strerror})") from error
                 parts.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    @property
+    def _place(self) -> str:
+        """Name, or place in its file, that distinguishes the array from others of that shape.
+
+        An array without either is read as a whole, once, for its digest.
+        """
+        array, data = self.array, getattr(getattr(self.array, "variable", None), "_data", self.array)
+        if type(data).__module__.partition(".")[0] == "dask":  # dask, too, takes arrays of one name for the same
+            return str(data.name)
+        if self._files():
+            if isinstance(array, np.memmap):
+                whole, begin = _find_mapped(array)
+                return f"{whole.offset + begin} {array.strides}"
+            if type(array).__module__.startswith("h5py") and array.name:
+                return str(array.name)
+            if isinstance(array, ZarrArray) or self._root is not None:
+                return ""  # the folder holds no other array
+        self._digest = self._digest or self._digest_cells()
+        return self._digest
+
+    def _digest_cells(self) -> str:
+        """Return the digest of all cells, read some rows at a time."""
+        digest, rows = hashlib.sha256(), max(1, _DIGESTED_CELLS // math.prod(self.shape[1:]))
+        for first in range(0, self.shape[0], rows):
+            box = (slice(first, min(first + rows, self.shape[0])), *(slice(0, n) for n in self.shape[1:]))
+            digest.update(np.packbits(self.read(box)[0]).data)
+        return digest.hexdigest()
 
     def _files(self) -> list[Path]:
         """List the files and folders that contain the array."""
@@ -150,11 +183,8 @@ class LazyCells:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the name of the file, not the values."""
         array = self.array
-        if isinstance(array, np.memmap):
-            whole: Any = array
-            while not isinstance(whole.base, mmap.mmap):
-                whole = whole.base
-            begin = array.__array_interface__["data"][0] - whole.__array_interface__["data"][0]
+        if isinstance(array, np.memmap) and array.filename is not None:
+            whole, begin = _find_mapped(array)
             return _open_memmap, (
                 str(array.filename),
                 whole.offset,
@@ -168,7 +198,15 @@ class LazyCells:
             return _open_hdf5, (str(Path(array.file.filename).absolute()), array.name)
         if self._root is not None:
             return _open_zarr, (str(self._root), array.path)
-        return LazyCells, (array,)
+        return LazyCells, (array, self._digest)
+
+
+def _find_mapped(view: NDArray[Any]) -> tuple[np.memmap[Any, Any], int]:
+    """Return the memory map that a view is part of, and its first byte in the map."""
+    whole: Any = view
+    while not isinstance(whole.base, mmap.mmap):
+        whole = whole.base
+    return whole, view.__array_interface__["data"][0] - whole.__array_interface__["data"][0]
 
 
 def _open_memmap(

@@ -2,9 +2,10 @@
 
 A saved map is a store of one tile. ``cell_states`` has chunks of one tile and some slices; ``outer`` and, if it
 differs, ``inner`` have chunks of one tile. ``record`` has one row of numbers per tile: the counts of its states, the
-box around its obstacles, and the SHA-256 digests of its other chunks. The row is written last, so a tile is done once
-its row exists. All other arrays are written at once. The metadata of the folder hold a digest of each of their files,
-of all rows together, and of themselves.
+box around its obstacles, the SHA-256 digests of its other chunks, and that of the row with the tile and the settings of
+the map, so that it fits no other tile and no other map. The row is written last, so a tile is done once its row exists.
+All other arrays are written at once. The metadata of the folder hold a digest of each of their files, of all rows
+together, and of themselves.
 
 Zarr reads a missing chunk as the fill value, without an error. So no fill value is a state or a free cell, every chunk
 is written, and a chunk is used only if it matches its digest.
@@ -547,7 +548,7 @@ class Store:
 
     def _check_kind(self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         """Refuse an array of a wrong shape or type."""
-        dim, number = self.grid.dim, self._columns
+        dim, number = self.grid.dim, _chunk_shapes(self.metadata)["record"][-1]
         sizes = dict(zip(AXES, self.grid.shape, strict=False)) | {"slice": self.slices, "number": number}
         sizes |= {f"tile_{axis}": n for axis, n in zip(AXES, self.counts, strict=False)}
         sizes |= stored()[name].sizes
@@ -632,11 +633,6 @@ class Store:
         return _chunk_shapes(self.metadata)[name], np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
 
     @property
-    def _columns(self) -> int:
-        """Number of columns of a record."""
-        return 3 * self.slices + 2 * self.grid.dim + _DIGEST_LENGTH * (self.layers + 2)
-
-    @property
     def label_count(self) -> int:
         """Number of rotation cells with labels.
 
@@ -674,21 +670,35 @@ class Store:
         digests += digests[-1:] * (self.layers + 2 - len(digests))
         extent = extent + [part.start for part in self.cells(index)]
         row = np.concatenate([counts.ravel(), extent.ravel(), np.frombuffer(b"".join(digests), dtype="<i8")])
+        row = np.concatenate([row, self._digest_row(index, row)])
         own_digest = self.write("record", (*index, 0), row.reshape(*(1,) * self.grid.dim, -1), aside)
         return Record(counts, extent, tuple(digests), own_digest)
 
     def known(self, index: Index) -> Record:
         """Read the record of a tile.
 
-        Raises FileError if the tile is not done.
+        Raises FileError if the tile is not done, or the record is damaged or that of another tile or map.
         """
         content = self._read_newest(_chunk_file("record", (*index, 0)))
         if content is None:
             raise map_error(self.path, f"its tile {index} is missing")
-        row = self._decode("record", (*index, 0), content).reshape(-1)
+        row, digest = np.split(self._decode("record", (*index, 0), content).reshape(-1), [-_DIGEST_LENGTH])
+        if not np.array_equal(digest, self._digest_row(index, row)):
+            raise map_error(self.path, f"its record of tile {index} is damaged, or of another tile or map")
         counts, box, digests = np.split(row, [3 * self.slices, 3 * self.slices + 2 * self.grid.dim])
         parts = [part.tobytes() for part in digests.reshape(-1, _DIGEST_LENGTH)]
         return Record(counts.reshape(-1, 3), box.reshape(2, -1), tuple(parts), binary_digest(content))
+
+    def _digest_row(self, index: Index, row: Ints) -> Ints:
+        """Return the digest of a record with its tile and the settings of the map, as int64."""
+        content = f"{self._settings_digest} {[int(i) for i in index]} ".encode() + row.astype("<i8").tobytes()
+        return np.frombuffer(binary_digest(content), dtype="<i8")
+
+    @cached_property
+    def _settings_digest(self) -> str:
+        """Digest of the metadata that no build and no update changes."""
+        changing = {*NOT_DONE, "precision", "digests", "digest"}
+        return hex_digest(_digest_text({key: value for key, value in self.metadata.items() if key not in changing}))
 
     def states(self, index: Index, layer: int, record: Record, out: States | None = None) -> States:
         """Read a chunk of states, shape (depth, *tile).
@@ -990,7 +1000,7 @@ def _write_atomically(file: Path, content: bytes) -> None:
 def _chunk_shapes(metadata: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     """Return the chunk shape of each array with tiles."""
     tile, slices, depth = tuple(metadata["tile"]), metadata["slices"], metadata["depth"]
-    columns = 3 * slices + 2 * len(tile) + _DIGEST_LENGTH * (-(-slices // depth) + 2)
+    columns = 3 * slices + 2 * len(tile) + _DIGEST_LENGTH * (-(-slices // depth) + 3)
     return {"cell_states": (depth, *tile), "outer": tile, "inner": tile, "record": (*(1,) * len(tile), columns)}
 
 

@@ -22,7 +22,7 @@ from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 
 FORMAT: Final = "cspace-map"
-VERSION: Final = 4
+VERSION: Final = 5
 """Version of the format; a reader refuses all others."""
 
 AXES: Final = ("x", "y", "z")

@@ -6,6 +6,7 @@ import itertools
 import math
 import pickle
 import time
+import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -212,13 +213,14 @@ def _memory_error(job: Job, needed: float, free: float) -> InputError:
 
 
 class _Task:
-    """A task for worker processes.
+    """A task for worker processes, for one run.
 
-    Each process opens the store at its first call and keeps it.
+    Each process opens the store at the first call of a run and keeps it. The store may change between runs, so each run
+    has a name of its own.
     """
 
     def __init__(self, task: Callable[[Job, Index], Any], path: str, source: Source) -> None:
-        self._task, self._path, self._source = task, path, source
+        self._task, self._path, self._source, self._run = task, path, source, uuid.uuid4().hex
 
     @cached_property
     def job(self) -> Job:
@@ -231,7 +233,7 @@ class _Task:
 
 @lru_cache(1)
 def _load_task(content: bytes) -> _Task:
-    """Unpickle a task.
+    """Unpickle a task, once for each run.
 
     Raise FileError if a file of its workspace is missing on this machine.
     """

@@ -324,7 +324,9 @@ def reseal(path: Path, **metadata: Any) -> None:
     )
     record = path / "record/c" / first / "0"
     row = np.frombuffer(Zstd().decode(record.read_bytes()), dtype="<i8").copy()
+    row, own = row[:-4], store.Store(path, {**root, **metadata}, {}, (0, 0, 0))
     row[-len(digests) // 8 :] = np.frombuffer(digests, dtype="<i8")
+    row = np.concatenate([row, own._digest_row((0,) * dim, row)])
     encoded = Zstd(store.ZSTD_LEVEL, checksum=True).encode(row)
     record.write_bytes(encoded)
     names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())

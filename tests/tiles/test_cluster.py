@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -206,6 +207,30 @@ def test_cluster_build_equals_the_map_in_memory(live, tmp_path):
     check_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=6))
     assert steps[-1] == (20, 20)
     check_states(tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR))
+
+
+def test_workers_forget_a_map_that_another_one_replaces(live, tmp_path):
+    workspace = random_workspace((60, 50))
+    wall = np.zeros((64, 64), dtype=bool)
+    wall[5, :54] = True
+    maps = [  # their stores have one path
+        (workspace, cspace.Robot.disc(0.1), 0.0),
+        (workspace, cspace.Robot.disc(0.4), 0.0),
+        (workspace, cspace.Robot.disc(0.1), 0.5),
+        (cspace.Workspace.from_array(wall[:33, :33], 0.1), cspace.Robot.disc(0.05), 0.0),
+        (cspace.Workspace.from_array(wall, 0.1), cspace.Robot.disc(0.05), 0.0),
+    ]
+    rng = np.random.default_rng(0)
+    with live.client(1) as client:
+        for cells, robot, margin in maps:
+            shutil.rmtree(tmp_path / "m", ignore_errors=True)
+            tiled = cspace.build(cells, robot, margin=margin, store=tmp_path / "m", tile=32, client=client)
+            tiled.compute_components(client=client)
+            space = cspace.build(cells, robot, margin=margin)
+            check_states(tmp_path / "m", space)
+            starts, goals = rng.uniform(space.grid.lower, space.grid.upper, (2, 500, 2))
+            np.testing.assert_array_equal(tiled.is_disconnected(starts, goals), space.is_disconnected(starts, goals))
+            np.testing.assert_array_equal(tiled.is_connected(starts, goals), space.is_connected(starts, goals))
 
 
 def test_remaining_workers_finish_the_build(live, tmp_path):

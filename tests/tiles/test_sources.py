@@ -129,6 +129,54 @@ def test_aligned_shapes_give_the_same_cells_in_every_tile(seed, spacing, tile, t
     np.testing.assert_array_equal(group["inner"][...], whole.inner)
 
 
+def lazy_pairs(cells, folder):
+    """Return two arrays of one shape, such as two floors of one file, for every kind of lazy array."""
+    h5py, da, xarray = (pytest.importorskip(name) for name in ("h5py", "dask.array", "xarray"))
+    np.save(folder / "a.npy", cells)
+    mapped = np.load(folder / "a.npy", mmap_mode="r")
+    with h5py.File(folder / "a.h5", "w") as file:
+        file["one"], file["two"] = cells
+    file = h5py.File(folder / "a.h5", "r")
+    group = zarr.open_group(folder / "a.zarr", mode="w")
+    xarray.DataArray(cells.astype(np.int8), dims=("floor", "x", "y"), name="a").to_netcdf(folder / "a.nc")
+    floors = xarray.open_dataset(folder / "a.nc", cache=False)["a"]
+    stores = [zarr.storage.MemoryStore() for _ in cells]
+    return {
+        "memmap": (mapped[0], mapped[1]),
+        "memmap transposed": (mapped[0].T, mapped[0]),
+        "memmap in memory": (mapped[0].copy(), mapped[1].copy()),
+        "h5py": (file["one"], file["two"]),
+        "dask": tuple(da.from_array(part, chunks=8) for part in cells),
+        "xarray of dask": tuple(xarray.DataArray(da.from_array(part, chunks=8), dims=("x", "y")) for part in cells),
+        "xarray of a file": (floors[0], floors[1]),
+        "xarray of a memmap": tuple(xarray.DataArray(mapped[k], dims=("x", "y")) for k in (0, 1)),
+        "zarr": tuple(group.create_array(f"{k}", data=cells[k], config=WRITE_EMPTY_CHUNKS) for k in (0, 1)),
+        "zarr in memory": tuple(
+            zarr.create_array(store, data=part, config=WRITE_EMPTY_CHUNKS)
+            for store, part in zip(stores, cells, strict=True)
+        ),
+    }
+
+
+def test_build_resumes_on_the_same_lazy_array_only(tmp_path):
+    cells = np.array([random_workspace((20, 20), seed=seed).outer for seed in (0, 1)])
+    for name, pair in lazy_pairs(cells, tmp_path).items():
+        first, other = (cspace.Workspace.from_array(array, 0.1) for array in pair)
+        store = tmp_path / f"{name}.map"
+
+        def stop(done, total):
+            if done == 2:
+                raise InterruptedError
+
+        with pytest.raises(InterruptedError):
+            cspace.build(first, CAR, store=store, tile=8, workers=1, progress=stop)
+        with pytest.raises(FileError, match="built on other obstacles"):
+            cspace.build(other, CAR, store=store, tile=8)
+        cspace.build(pickle.loads(pickle.dumps(first)), CAR, store=store, tile=8)  # as on a worker
+        expected = cspace.Workspace.from_array(np.asarray(pair[0]).astype(bool), 0.1)
+        check_states(store, cspace.build(expected, CAR))
+
+
 def test_build_stops_if_its_source_changes(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((30, 30), dtype=bool))
 

@@ -2,6 +2,7 @@
 
 import itertools
 import pickle
+import shutil
 import threading
 import tracemalloc
 from pathlib import Path
@@ -208,6 +209,19 @@ def test_swapped_chunks_raise(tmp_path):
     first.write_bytes(two)
     with pytest.raises(FileError, match="digest"):
         tiled.classify(np.array(space.grid.lower) + 0.05)
+
+
+@pytest.mark.parametrize("source", ["m.zarr", "other.zarr"])
+def test_records_of_other_tiles_and_maps_raise(source, tmp_path):
+    """Replace a tile and its record, so that the tile matches the digests of that record."""
+    space, _ = build_both("plane", tmp_path)
+    cspace.build(space.workspace, cspace.Robot.disc(0.01), store=tmp_path / "other.zarr", tile=7)
+    folder = shutil.copytree(tmp_path / "m.zarr", tmp_path / "damaged.zarr")
+    tile = "3/2" if source == "m.zarr" else "0/0"
+    for file in ("cell_states/c/0/{}", "outer/c/{}", "record/c/{}/0"):
+        shutil.copy(tmp_path / source / file.format(tile), folder / file.format("0/0"))
+    with pytest.raises(FileError, match=r"its record of tile \(0, 0\) is damaged, or of another tile or map"):
+        cspace.open(folder).classify(np.array(space.grid.lower) + 0.05)
 
 
 def test_concurrent_queries_equal_serial_ones(tmp_path):
