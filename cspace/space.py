@@ -702,8 +702,9 @@ class CSpace(ConfigurationMap, MapExport):
         steepest ascent of clearance, so that the endpoints do not limit the rest. The chain between is a shortest one,
         counting a radian as half a metre, and is then shortened without losing clearance. The path is deterministic.
 
-        Clearance is that of the centers of cells; between them, :meth:`clearance` may be less by half a cell's
-        diagonal.
+        Clearance is :meth:`clearance` at the centers of cells, rounded down to a 64th of a cell and limited to 1024
+        cells; between centers, it may be less by half a cell's diagonal. Chains stay in the grid, also if the outside
+        is free.
 
         Parameters
         ----------

@@ -99,24 +99,35 @@ def square_outside(map_: Map, s: int, position: Position) -> float:
     The distance, in cells, is that from ``position``, in cells along three axes, in slice `s`. The result is infinite
     if the exterior is FREE.
     """
-    dim, table = len(map_.lower), map_.exterior
-    exterior_blocked, best = table[s, 2 * dim] != FREE, math.inf
+    dim, best = len(map_.lower), math.inf
     for side in range(2 * dim):
-        # The part of the non-FREE box that lies beyond this side of the grid.
         square, empty = 0.0, False
         for axis in range(dim):
-            low = -math.inf if exterior_blocked else float(table[s, axis])
-            high = math.inf if exterior_blocked else table[s, dim + axis] + 1.0
-            if side == 2 * axis:
-                high = min(high, 0.0)
-            elif side == 2 * axis + 1:
-                low = max(low, float(map_.states.shape[axis + 1]))
+            low, high = range_outside(map_.exterior, map_.states.shape, s, side, axis)
             empty |= low >= high
             gap_along = max(0.0, low - position[3 - dim + axis], position[3 - dim + axis] - high)
             square += gap_along * gap_along
         if not empty:
             best = min(best, square)
     return best
+
+
+@always_inline
+def range_outside(exterior: Ints, shape: tuple[int, ...], s: int, side: int, axis: int) -> tuple[float, float]:
+    """Return the range, along an axis, of non-FREE cells beyond a side of the grid.
+
+    ``shape`` has the slices, and the cells of the grid; sides ``2 * axis`` and ``2 * axis + 1`` are the lower and the
+    upper one along an axis. The range, in cells, is infinite where nothing bounds it, and empty if its first end is
+    not below its second. These ranges of one side make a box; the boxes of all sides are all non-FREE cells outside.
+    """
+    dim, low, high = len(shape) - 1, -math.inf, math.inf
+    if exterior[s, 2 * dim] == FREE:
+        low, high = float(exterior[s, axis]), exterior[s, dim + axis] + 1.0
+    if side == 2 * axis:
+        high = min(high, 0.0)
+    elif side == 2 * axis + 1:
+        low = max(low, float(shape[axis + 1]))
+    return low, high
 
 
 # ---- the nearest cell ------------------------------------------------------------------------------------------------

@@ -1,9 +1,9 @@
 """Paths of maximum bottleneck clearance, then minimum length.
 
-The *level* of a FREE cell is the distance from its center to the nearest cell that is not FREE. The *bottleneck* of two
-configurations is the highest level at which FREE cells of that level or above connect them. Among these cells, the
-shortest chain is searched. If the robot rotates, the heuristic is the length of the shortest chain over positions that
-are as wide at any rotation.
+The *level* of a FREE cell is the distance from its center to the nearest cell that is not FREE, in the grid or outside.
+The *bottleneck* of two configurations is the highest level at which FREE cells of that level or above connect them.
+Among these cells, the shortest chain is searched. If the robot rotates, the heuristic is the length of the shortest
+chain over positions that are as wide at any rotation.
 
 If the start or the goal is the narrowest place, for example beside a wall, every path is that narrow. So the path first
 climbs steeply from both, and the bottleneck connects the two local maxima. The result is still among the widest
@@ -19,12 +19,12 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cspace.arrays import FREE, MIXED, Bools, Bytes, Floats, Ints
-from cspace.compiling import jit, kernel
+from cspace.arrays import FREE, Bools, Bytes, Floats, Ints
+from cspace.compiling import always_inline, jit, kernel
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
+from cspace.map.clearance import Squares, range_outside
 from cspace.map.components import Components
 from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
@@ -34,7 +34,6 @@ from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_chunks, in_threads
 
-Squares = NDArray[np.int32]
 Join = Callable[[Bytes], Components]
 """Returns the components of states."""
 
@@ -47,6 +46,9 @@ MAX_LEVEL: Final = 65535
 INFINITE_SQUARE: Final = 2**30
 """Squared distance, in half cells, that stands for infinity."""
 
+FAR_HALF_CELLS: Final = 2**30
+"""End of a range of half cells that stands for infinity."""
+
 WIDEST_BYTES_PER_CELL: Final = 28
 """Memory for each cell, bytes: its level, and the arrays of searches and components (measured: 10 to 25)."""
 
@@ -56,7 +58,7 @@ MIN_LINES_PER_THREAD: Final = 64
 MAX_CACHED_LEVELS: Final = 8
 """Number of levels whose components are cached, at 1.1 bytes per cell of a slice."""
 
-NO_BLOCKED_AXES: Final = np.zeros(3, dtype=np.bool_)
+NO_PERIODIC_AXES: Final = np.zeros(3, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,8 +77,8 @@ class Widest:
         Cost of rotating to each neighbor, in cells.
     periodic_axes : sequence of bool
         True for each periodic axis.
-    blocked_axes : ndarray of bool, shape (slices, 3)
-        Result of :func:`find_blocked_axes`.
+    outside : ndarray of int32, shape (slices, sides, 3, 2)
+        Result of :func:`find_outside_ranges`.
     cached : dict of int to Components
         Components of the levels around the last bottlenecks.
     lock : Lock
@@ -88,7 +90,7 @@ class Widest:
     rotations: Rotations
     turns: Floats
     periodic_axes: Sequence[bool]
-    blocked_axes: Bools
+    outside: Squares
     dirty_boxes: list[Ints] = field(default_factory=list)
     cached: dict[int, Components] = field(default_factory=dict)
     lock: Lock = field(default_factory=Lock)
@@ -96,16 +98,16 @@ class Widest:
     @classmethod
     def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, periodic_axes: Sequence[bool]) -> Widest:
         """Compute the levels of a map from its states."""
-        levels, blocked_axes = np.empty(map_.states.shape, dtype=np.uint16), find_blocked_axes(map_)
-        layered, periodic = _with_three_axes(levels), _three_axes(periodic_axes)
+        levels, periodic = np.empty(map_.states.shape, dtype=np.uint16), _three_axes(periodic_axes)
+        layered, outside = _with_three_axes(levels), find_outside_ranges(map_, periodic)
 
         def fill(item: tuple[int, Bytes]) -> None:
             s, state = item
-            layered[s] = compute_periodic_levels(state.reshape(layered.shape[1:]), blocked_axes[s], periodic)
+            layered[s] = compute_levels(state.reshape(layered.shape[1:]), outside[s], periodic)
 
         in_threads(fill, list(enumerate(states)), cores())
         costs = turn_costs(rotations, levels.ndim - 1, map_.spacing)
-        return cls(levels, map_.slice_of, rotations, costs, periodic_axes, blocked_axes)
+        return cls(levels, map_.slice_of, rotations, costs, periodic_axes, outside)
 
     def refresh(self, boxes: Ints) -> None:
         """Record boxes of changed states, shape (slices, 6)."""
@@ -118,20 +120,20 @@ class Widest:
         """
         if not self.dirty_boxes:
             return self
-        levels, blocked_axes, dirty = self.levels.copy(), find_blocked_axes(map_), np.array(self.dirty_boxes)
-        layered, periodic = _with_three_axes(levels), _three_axes(self.periodic_axes)
+        levels, periodic, dirty = self.levels.copy(), _three_axes(self.periodic_axes), np.array(self.dirty_boxes)
+        layered, outside = _with_three_axes(levels), find_outside_ranges(map_, periodic)
         boxes = np.concatenate([dirty[..., :3].min(axis=0), dirty[..., 3:].max(axis=0)], axis=1)
-        boxes[(blocked_axes != self.blocked_axes).any(axis=1)] = 0, 0, 0, *(n - 1 for n in layered.shape[1:])
+        boxes[(outside != self.outside).any(axis=(1, 2, 3))] = 0, 0, 0, *(n - 1 for n in layered.shape[1:])
 
         def refresh_slice(s: int) -> None:
             state = states[s].reshape(layered.shape[1:])
             if periodic.any():
-                layered[s] = compute_periodic_levels(state, blocked_axes[s], periodic)
+                layered[s] = compute_levels(state, outside[s], periodic)
             else:
-                refresh_levels(layered[s], state, boxes[s], blocked_axes[s])
+                refresh_levels(layered[s], state, boxes[s], outside[s])
 
         in_threads(refresh_slice, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
-        return replace(self, levels=levels, blocked_axes=blocked_axes, dirty_boxes=[], cached={})
+        return replace(self, levels=levels, outside=outside, dirty_boxes=[], cached={})
 
     def level(self, cell: Sequence[int] | Ints) -> int:
         """Return the level of a cell ``(rotation, x, ...)``."""
@@ -218,49 +220,39 @@ def _three_axes(periodic_axes: Sequence[bool]) -> Bools:
     return np.array([*[False] * (3 - len(periodic_axes)), *periodic_axes])
 
 
-def compute_levels(state: Bytes, blocked_axes: Bools) -> Levels:
+def compute_levels(state: Bytes, outside: Squares, periodic: Bools) -> Levels:
     """Compute the levels of cells, shape (nx, ny, nz).
 
-    ``blocked_axes``, shape (3,), are the axes beyond whose ends cells are not FREE.
+    ``outside`` has the ranges of one slice. ``periodic``, shape (3,), is True for each periodic axis. Cells outside
+    the grid count last, because their distances are simple.
     """
-    squares, (nx, ny, nz) = np.empty(state.shape, dtype=np.int32), state.shape
-    x_blocked, y_blocked, z_blocked = blocked_axes.tolist()
-    write_rows = partial(write_row_squares, state.reshape(-1, nz), squares.reshape(-1, nz), z_blocked)
+    # Along a periodic axis, the nearest cell is at most half a period away.
+    padding = np.where(periodic, np.array(state.shape) // 2 + 1, 0)
+    padded = np.pad(state, np.column_stack([padding, padding]), "wrap") if periodic.any() else state
+    squares, (nx, ny, nz) = np.empty(padded.shape, dtype=np.int32), padded.shape
+    write_rows = partial(write_row_squares, padded.reshape(-1, nz), squares.reshape(-1, nz))
     in_chunks(write_rows, nx * ny, MIN_LINES_PER_THREAD)
-    in_chunks(partial(extend_squares, squares, y_blocked), nx * nz, MIN_LINES_PER_THREAD)
-    if nx > 1 or x_blocked:
-        in_chunks(partial(extend_squares, squares.reshape(1, nx, ny * nz), x_blocked), ny * nz, MIN_LINES_PER_THREAD)
+    in_chunks(partial(extend_squares, squares), nx * nz, MIN_LINES_PER_THREAD)
+    if nx > 1:
+        in_chunks(partial(extend_squares, squares.reshape(1, nx, ny * nz)), ny * nz, MIN_LINES_PER_THREAD)
+    center = tuple(slice(width, width + n) for width, n in zip(padding.tolist(), state.shape, strict=True))
+    squares = np.ascontiguousarray(squares[center])
+    in_chunks(partial(lower_squares, squares, outside), state[..., 0].size, MIN_LINES_PER_THREAD)
     return np.minimum(LEVELS_PER_CELL / 2 * np.sqrt(squares, dtype=np.float32), MAX_LEVEL).astype(np.uint16)
 
 
-def compute_periodic_levels(state: Bytes, blocked_axes: Bools, periodic: Bools) -> Levels:
-    """Compute levels on a grid with periodic axes."""
-    if not periodic.any():
-        return compute_levels(state, blocked_axes)
-    # Along a periodic axis, the nearest cell is at most half a period away.
-    padding = np.where(periodic, np.array(state.shape) // 2 + 1, blocked_axes)
-    padded = state
-    for axis, width in enumerate(padding.tolist()):
-        sides = [(width, width) if each == axis else (0, 0) for each in range(3)]
-        padded = np.pad(padded, sides, "wrap") if periodic[axis] else np.pad(padded, sides, constant_values=MIXED)
-    inner = tuple(slice(width, width + n) for width, n in zip(padding, state.shape, strict=True))
-    return compute_levels(padded, NO_BLOCKED_AXES)[inner]
+def find_outside_ranges(map_: Map, periodic: Bools) -> Squares:
+    """Return the boxes of non-FREE cells beyond each side of the grid.
 
-
-def find_blocked_axes(map_: Map) -> Bools:
-    """Return the axes that end at non-FREE cells.
-
-    The result has shape (slices, 3). A plane has no x, so its x is False.
+    The result has the first half cell along three axes, and the one after the last, shape (slices, sides, 3, 2).
+    Nothing is beyond a periodic side.
     """
-    _, *shape = map_.states.shape
-    boxes, dim = map_.exterior[:, :-1], len(shape)
-    empty = (boxes[:, :dim] > boxes[:, dim:]).any(axis=1)
-    inside = empty | ((boxes[:, :dim] >= 0) & (boxes[:, dim:] < shape)).all(axis=1)
-    exterior_blocked: Bools = (map_.exterior[:, -1] != FREE) | ~inside
-    return exterior_blocked[:, None] & (np.arange(3) >= 3 - dim)
+    ranges = np.empty((len(map_.exterior), 2 * len(map_.lower), 3, 2), dtype=np.int32)
+    write_outside_ranges(map_.exterior, map_.states.shape, periodic, ranges)
+    return ranges
 
 
-def refresh_levels(levels: Levels, state: Bytes, box: Ints, blocked_axes: Bools) -> None:
+def refresh_levels(levels: Levels, state: Bytes, box: Ints, outside: Squares) -> None:
     """Update levels after states changed in a box.
 
     ``box`` has the first and last changed cell. Cells whose level was below their distance from the box keep it, and no
@@ -271,12 +263,11 @@ def refresh_levels(levels: Levels, state: Bytes, box: Ints, blocked_axes: Bools)
     low, high = np.maximum(box[:3] - reach, 0), np.minimum(box[3:] + 1 + reach, shape)
     first, stop = np.maximum(low - reach, 0), np.minimum(high + reach, shape)
     window = np.ascontiguousarray(state[tuple(map(slice, first, stop))])
-    # Cells around the window count as FREE; at the sides of the grid the true exterior is padded.
-    padding = np.stack([blocked_axes & (first == 0), blocked_axes & (stop == shape)], axis=1).astype(int)
-    fresh = compute_levels(np.pad(window, padding, constant_values=MIXED), NO_BLOCKED_AXES)
-    inner = tuple(map(slice, low - first + padding[:, 0], high - first + padding[:, 0]))
+    # Cells around the window count as FREE, but those outside the grid as what they are.
+    fresh = compute_levels(window, outside - np.int32(2) * first[:, np.newaxis].astype(np.int32), NO_PERIODIC_AXES)
+    inner = tuple(map(slice, low - first, high - first))
     if highest == MAX_LEVEL or fresh[inner].max() >= LEVELS_PER_CELL * reach:  # cells outside the window may be nearer
-        levels[...] = compute_levels(np.ascontiguousarray(state), blocked_axes)
+        levels[...] = compute_levels(np.ascontiguousarray(state), outside, NO_PERIODIC_AXES)
     else:
         levels[tuple(map(slice, low, high))] = fresh[inner]
 
@@ -290,12 +281,64 @@ def refresh_levels(levels: Levels, state: Bytes, box: Ints, blocked_axes: Bools)
 
 
 @kernel
-def write_row_squares(states: Bytes, squares: Squares, exterior_blocked: bool, start: int, stop: int) -> int:
+def write_outside_ranges(exterior: Ints, shape: tuple[int, ...], periodic: Bools, ranges: Squares) -> None:
+    """Write the ranges of :func:`find_outside_ranges`."""
+    dim = len(shape) - 1
+    for s in range(len(exterior)):
+        for side in range(2 * dim):
+            empty = periodic[3 - dim + side // 2]
+            ranges[s, side, :, 0], ranges[s, side, :, 1] = -FAR_HALF_CELLS, FAR_HALF_CELLS
+            for axis in range(dim):
+                low, high = range_outside(exterior, shape, s, side, axis)
+                empty |= low >= high
+                if not periodic[3 - dim + axis]:
+                    ranges[s, side, 3 - dim + axis, 0] = np.int64(max(2.0 * low, -float(FAR_HALF_CELLS)))
+                    ranges[s, side, 3 - dim + axis, 1] = np.int64(min(2.0 * high, float(FAR_HALF_CELLS)))
+            if empty:
+                ranges[s, side, :, 0], ranges[s, side, :, 1] = FAR_HALF_CELLS, -FAR_HALF_CELLS
+
+
+@kernel
+def lower_squares(squares: Squares, outside: Squares, start: int, stop: int) -> int:
+    """Lower squared distances of rows [start, stop) to those of cells outside the grid.
+
+    ``outside`` has the ranges of one slice.
+    """
+    _, ny, nz = squares.shape
+    for row in range(start, stop):
+        x, y = row // ny, row % ny
+        line = squares[x, y]
+        for side in range(len(outside)):
+            x_gap = _half_cells_to(outside[side, 0, 0], outside[side, 0, 1], x)
+            y_gap = _half_cells_to(outside[side, 1, 0], outside[side, 1, 1], y)
+            across = np.int64(x_gap) ** 2 + np.int64(y_gap) ** 2
+            if across >= INFINITE_SQUARE:
+                continue
+            base, low, high = np.int32(across), outside[side, 2, 0], outside[side, 2, 1]
+            for k in range(nz):
+                z_gap = _half_cells_to(low, high, k)
+                line[k] = min(line[k], np.int32(base + np.int32(z_gap * z_gap)))
+    return -1
+
+
+@always_inline
+def _half_cells_to(low: np.int32, high: np.int32, k: int) -> np.int32:
+    """Return the distance from the center of cell k to a range, in half cells.
+
+    Its square is at most :data:`INFINITE_SQUARE`, so that two of them do not exceed 32 bits if one is below.
+    """
+    center = np.int32(2 * k + 1)
+    outward = max(np.int32(low - center), np.int32(center - high), np.int32(0))
+    return np.int32(min(outward, np.int32(2**15)))
+
+
+@kernel
+def write_row_squares(states: Bytes, squares: Squares, start: int, stop: int) -> int:
     """Write squared distances within rows [start, stop)."""
     n = states.shape[1]
     for row in range(start, stop):
         for backwards in range(2):
-            nearest = -1 if exterior_blocked else -INFINITE_SQUARE
+            nearest = -INFINITE_SQUARE
             for step in range(n):
                 k = step if backwards == 0 else n - 1 - step
                 if states[row, k] != FREE:
@@ -308,31 +351,28 @@ def write_row_squares(states: Bytes, squares: Squares, exterior_blocked: bool, s
 
 
 @jit
-def extend_squares(squares: Squares, exterior_blocked: bool, first_line: int, stop_line: int) -> int:
+def extend_squares(squares: Squares, first_line: int, stop_line: int) -> int:
     """Extend squared distances from rows to the middle axis."""
     n = squares.shape[1]
-    values, cells, starts = np.empty(n + 2, np.int64), np.empty(n + 2, np.int64), np.empty(n + 2, np.int64)
-    border_square = 0 if exterior_blocked else INFINITE_SQUARE
+    values, cells, starts = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     for line in range(first_line, stop_line):
         a, b = line // squares.shape[2], line % squares.shape[2]
-        values[0] = values[n + 1] = border_square
         for k in range(n):
-            values[k + 1] = squares[a, k, b]
+            values[k] = squares[a, k, b]
         # Stack of the cells that are nearest at some position, and the position from which on.
         top, cells[0], starts[0] = 0, 0, 0
-        for v in range(1, n + 2):
+        for v in range(1, n):
             while top >= 0 and _square(values, cells[top], starts[top]) > _square(values, v, starts[top]):
                 top -= 1
             if top < 0:
                 top, cells[0], starts[0] = 0, v, 0
                 continue
             start_of_v = _last_closer(cells[top], v, values[v] - values[cells[top]]) + 1
-            if start_of_v < n + 2:
+            if start_of_v < n:
                 top += 1
                 cells[top], starts[top] = v, start_of_v
-        for k in range(n + 1, 0, -1):
-            if k <= n:
-                squares[a, k - 1, b] = min(_square(values, cells[top], k), INFINITE_SQUARE)
+        for k in range(n - 1, -1, -1):
+            squares[a, k, b] = min(_square(values, cells[top], k), INFINITE_SQUARE)
             if k == starts[top]:
                 top -= 1
     return -1

@@ -23,7 +23,7 @@ from cspace.map.components import Components
 from tests import handmade
 from tests.oracles import link_cells, path_length, to_graph
 from tests.planning import ENDPOINTS, build_from_states, build_room, turn_between
-from tests.strategies import seeds
+from tests.strategies import exteriors, seeds
 
 WIDEST_SPACES = ("plane", "space", "turning", "yawing")
 WIDEST_TURNS = {"turning": 5, "yawing": 4}
@@ -63,9 +63,8 @@ def link_wide_cells(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
     return to_graph(np.concatenate(within, axis=1), wide.size)
 
 
-def find_bottleneck(space: CSpace, start: int, goal: int) -> float:
+def find_bottleneck(space: CSpace, clearances: np.ndarray, start: int, goal: int) -> float:
     """Return the largest minimum clearance of a chain, or 0."""
-    clearances = np.asarray(space.clearance(list_cell_centers(space)))
 
     def is_too_wide(min_clearance: float) -> bool:
         wide = clearances >= min_clearance
@@ -103,7 +102,7 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         Components, slice_of=levels_map.slice_of, neighbors=space.rotations._neighbors, exterior_open=outside
     )
     for start, goal in rng.choice(free, (2, 2)):
-        best = find_bottleneck(space, start, goal)
+        best = find_bottleneck(space, clearances, start, goal)
         ends = np.array(cells[start]), np.array(cells[goal])
         level = levels_map.bottleneck(*ends, join, math.inf)
         assert (
@@ -131,6 +130,68 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         along = np.concatenate([*parts, pulled])
         # Between the centers of cells the clearance may be lower, by half a diagonal.
         assert np.asarray(space.clearance(along)).min() >= best - 0.25 * math.sqrt(space.grid.dim) - 1e-6
+
+
+def draw_map_with_offset_robot(name: str, outside: str, rng: np.random.Generator) -> CSpace:
+    """Draw a map of obstacles for a robot that may lie far from its reference point."""
+    flat = name in ("plane", "turning")
+    shape = rng.integers(1, 10, 2) if flat else rng.integers(1, 6, 3)
+    cells, center = (
+        rng.random(shape) < rng.uniform(0.0, 0.1),
+        rng.uniform(-1.0, 1.0, len(shape)) * rng.choice([0, 2, 4]),
+    )
+    if name in WIDEST_TURNS:
+        robot = Robot.rectangle(1.5, 0.3, center) if flat else Robot.box((1.5, 0.3, 0.3), center)
+    else:
+        robot = Robot.disc(0.2, center) if flat else Robot.ball(0.2, center)
+    return build(Workspace.from_array(cells, 1.0), robot, outside=outside, rotations=WIDEST_TURNS.get(name))
+
+
+def measure_clearances(space: CSpace, beyond: int) -> np.ndarray:
+    """Return the distances from cell centers to cells that are not FREE, in cells.
+
+    Cells up to ``beyond`` cells outside the grid count. Each is asked for its state.
+    """
+    grid, distances = space.grid, []
+    cells = np.stack(np.meshgrid(*(np.arange(-beyond, n + beyond) for n in grid.shape), indexing="ij"), axis=-1)
+    cells, inner = cells.reshape(-1, grid.dim), np.array(list(np.ndindex(*grid.shape)))
+    for center in list_cell_centers(space).reshape(len(space.rotations), -1, space.size)[:, 0, grid.dim :]:
+        points = np.column_stack([grid.center_of(cells), np.tile(center, (len(cells), 1))])
+        taken = cells[~np.asarray(space.is_free(points))]
+        free = ~(inner[:, None] == taken).all(axis=2).any(axis=1)
+        gaps = np.maximum(np.abs(inner[:, None] - taken) - 0.5, 0.0)
+        distances.append(np.where(free, np.linalg.norm(gaps, axis=2).min(axis=1, initial=1024.0), 0.0))
+    return np.concatenate(distances)
+
+
+@pytest.mark.parametrize("name", WIDEST_SPACES)
+@settings(max_examples=15)
+@given(seeds, exteriors)
+def test_path_is_widest_whatever_is_outside_the_grid(name: str, seed: int, outside: str) -> None:
+    rng = np.random.default_rng(seed)
+    space = draw_map_with_offset_robot(name, outside, rng)
+    clearances = measure_clearances(space, 10)
+    points, cells = list_cell_centers(space), np.arange(len(clearances)).reshape(-1, *space.grid.shape)
+    levels = make_widest(space)
+    assert np.array_equal(levels.levels[levels.slice_of].ravel(), np.minimum(64 * clearances + 1e-4, 65535).astype(int))
+    free = np.flatnonzero(clearances)
+    for start, goal in rng.choice(free, (4, 2)) if len(free) else []:
+        best = find_bottleneck(space, clearances, start, goal)
+        path = space.find_widest_path(points[start], points[goal], straight=False)
+        assert (len(path) > 0) == (best > 0.0)
+        if len(path):
+            passed = clearances[cells[tuple(space._cells_of(path).T)]]
+            assert passed.min() == pytest.approx(best, abs=1 / 64 + 1e-6)
+            assert np.asarray(space.clearance(path)).min() >= best - 1 / 64 - 1e-6
+
+
+def test_path_keeps_away_from_obstacles_at_the_border_of_a_free_exterior() -> None:
+    cells = np.zeros((40, 21), dtype=bool)
+    cells[20, 8:13] = cells[20, 20] = True  # a block with a gap above, and nothing below
+    space = build(Workspace.from_array(cells, 1.0), Robot.disc(0.2), outside="free")
+    path = space.find_widest_path((5.5, 10.5), (35.5, 10.5), straight=False)
+    assert np.asarray(space.clearance(path)).min() == pytest.approx(6.5)
+    assert np.asarray(space.clearance(path))[[0, -1]] == pytest.approx(13.5)
 
 
 @settings(max_examples=30)
