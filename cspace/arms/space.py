@@ -870,8 +870,9 @@ def build_arm_space(
     obstacles : Workspace, PlanningScene, or mapping of str to Workspace, PosedShape or shape
         Obstacles in space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
         :meth:`CSpace.add_obstacle` takes. A single workspace is called ``"workspace"``. A workspace made from a mesh or
-        point cloud is used exactly, any other by its cells; everything beyond the grid is free. Unknown cells are
-        obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A planning scene of
+        point cloud is used exactly, any other by its cells; everything beyond the grid is free. But a workspace of one
+        mesh or other exact shape is that shape as a whole, so its part beyond the ``bounds`` still blocks. Unknown
+        cells are obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A planning scene of
         :func:`cspace.arms.read_moveit_scene` also attaches its objects and pads links; if it has an allowed collision
         matrix, that replaces :attr:`Arm.allowed_collisions`.
     arm : Arm
