@@ -55,7 +55,7 @@ from planners.objectives import (
 from planners.passages import Passages
 from planners.result import Plan, Times
 from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult, shorten
-from planners.setup import MakeObjective
+from planners.setup import MakeObjective, make_bounded_states
 from planners.states import kind_of
 
 MAX_SEED: Final = 2**32 - 2
@@ -259,7 +259,8 @@ def plan(
         all of these collide. If none is within it, the message says how far the nearest pose reached is.
     InputError
         If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown. Also if the
-        space, planner, objective, drive and other options do not go together.
+        space, planner, objective, drive and other options do not go together. Also if the space is so small that OMPL
+        takes steps in it for zero, and a planner of OMPL is named.
 
     Warns
     -----
@@ -286,6 +287,8 @@ def plan(
         by_grid = objective == CLEARANCE and isinstance(edges, EdgesOnMap) and edges.drive == HOLONOMIC
         name = GRID if by_grid and iterations is None and not exact else name
         name = BIRRT if BIRRT in edges.built_in_searches else name
+    if planner is not None and name not in BUILT_IN_SEARCHES:
+        make_bounded_states(edges)  # refuses spaces that are too small for OMPL
     check_flag(simplify, "simplify")
     search = Search(
         planner=name,
@@ -406,7 +409,12 @@ def _prefer_built_in(task: _Task) -> _Task:
         return task
     if edges.exact and not is_holonomic:
         return task
-    return replace(task, search=replace(search, planner=GRID if is_holonomic else LATTICE, fallback=search.planner))
+    fallback: str | None = search.planner
+    try:
+        make_bounded_states(edges)
+    except InputError:  # the space is too small for OMPL
+        fallback = None
+    return replace(task, search=replace(search, planner=GRID if is_holonomic else LATTICE, fallback=fallback))
 
 
 def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exists: bool | None) -> SearchResult:

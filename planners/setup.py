@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
+from cspace.arms.space import ArmSpace
 from cspace.check import check_rng
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
@@ -18,6 +21,12 @@ from planners.states import kind_of
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
+
+MIN_CHECKING_SHARE: Final = 1e-6
+"""Smallest distance between states that OMPL itself checks along a motion, as a share of the space's extent."""
+
+MAX_CHECKING_SHARE: Final = 0.5
+"""Largest distance between states that OMPL itself checks along a motion, as a share of the space's extent."""
 
 
 def state_space(
@@ -53,16 +62,37 @@ def state_space(
     ------
     InputError
         If the drive is unknown, or given for a space without the axes x, y, yaw. Also if the turning radius is missing,
-        given without a curve, or not above zero.
+        given without a curve, or not above zero. Also if the space is so small that OMPL takes its steps for zero.
     """
-    return _make_bounded_states(local_planner(space, False, drive, turning_radius))
+    return make_bounded_states(local_planner(space, False, drive, turning_radius))
 
 
-def _make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
-    """Create OMPL's state space, with bounds."""
+def _choose_checking_share(edges: LocalPlanner, states: ob.StateSpace) -> float:
+    """Return the checking step as a share of the space's extent, within the bounds that OMPL takes."""
+    share: float = edges.checking_step / max(states.getMaximumExtent(), sys.float_info.epsilon)
+    return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
+
+
+def _check_extent(edges: LocalPlanner, states: ob.StateSpace) -> None:
+    """Raise InputError if OMPL takes the checking step in a part of the state space for zero."""
+    parts = [states.getSubspace(k) for k in range(states.getSubspaceCount())] if states.isCompound() else [states]
+    extent, unit = min(part.getMaximumExtent() for part in parts), edges.units[0]
+    # Until the share is set, OMPL uses its own, for example when it prints a space.
+    share = min(_choose_checking_share(edges, states), states.getLongestValidSegmentFraction())
+    if extent * share < sys.float_info.epsilon:
+        rule = f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}"
+        hint = "use a larger unit, or leave planner out of planners.plan"
+        if isinstance(edges.space, ArmSpace):
+            hint = "use planner='BiRRT', or joints of type 'fixed' in place of joints that cannot move"
+        raise InputError("space", f"spans {extent:.3g} {unit}", rule, hint, value=edges.space)
+
+
+def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
+    """Create OMPL's state space, with bounds; raise InputError if OMPL takes steps in it for zero."""
     states = edges.make_states()
     lower, upper = edges.bounds
     kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())
+    _check_extent(edges, states)
     if not states.getType():
         states.setup()  # otherwise OMPL crashes when it prints the projection of a compound space
     return states
@@ -106,7 +136,8 @@ def simple_setup(
     Returns
     -------
     ompl.geometric.SimpleSetup
-        When OMPL steps along a motion by itself, it checks a state every half cell, or every 0.01 rad of an arm.
+        When OMPL steps along a motion by itself, it checks a state every half cell, or every 0.01 rad of an arm, but
+        at least every half and at most every millionth of the space's extent.
 
     Raises
     ------
@@ -126,13 +157,13 @@ def make_setup(
     sampler: MakeSampler | None = None,
 ) -> og.SimpleSetup:
     """Make the set-up of :func:`simple_setup` for a local planner."""
-    space, setup = edges.space, og.SimpleSetup(_make_bounded_states(edges))
+    space, setup = edges.space, og.SimpleSetup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
     options = {"exact": edges.exact, "bidirectional": edges.bidirectional}
     si.setMotionValidator(MotionValidator(si, space, drive=edges.drive, turning_radius=edges.turning_radius, **options))
     # OMPL checks states that far apart when it steps along a motion by itself.
-    si.setStateValidityCheckingResolution(edges.checking_step / si.getStateSpace().getMaximumExtent())
+    si.setStateValidityCheckingResolution(_choose_checking_share(edges, si.getStateSpace()))
     si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
     if objective is not None:
         setup.setOptimizationObjective(_make_checked(objective, si, ob.OptimizationObjective, "objective"))

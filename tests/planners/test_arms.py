@@ -14,7 +14,7 @@ from cspace import ArmSpace, InputError
 from cspace.arms import Arm, build_arm_space
 from planners.states import kind_of
 from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, post, write_urdf
+from tests.urdfs import joint, link, planar, posed_box, post, write_urdf
 
 pytest.importorskip("yourdfpy")
 
@@ -134,6 +134,34 @@ def test_plans_of_an_arm_are_shortened_unless_told_otherwise(tmp_path: Path) -> 
         assert plan.certified and plan.lower_bound == pytest.approx(straight)
         assert plan.gap == pytest.approx(plan.length / straight - 1.0)
     np.testing.assert_array_equal(plans[-1].path, planners.plan(space, START, GOAL, **options).path)
+
+
+@pytest.mark.parametrize("planner", ["BiRRT", *planners.planner_names()])
+def test_every_planner_moves_joints_by_a_few_millimetres(tmp_path: Path, planner: str) -> None:
+    cube = ((0.001, 0.001, 0.001), (0, 0, 0))
+    slides: dict[str, Any] = {"kind": "prismatic", "limits": (0.0, 0.006)}
+    parts = joint("x", "base", "rail", axis=(1, 0, 0), **slides), joint("y", "rail", "pin", axis=(0, 1, 0), **slides)
+    arm = Arm.from_urdf(write_urdf(tmp_path, link("base"), link("rail"), link("pin", cube), *parts))
+    space = build_arm_space({"wall": posed_box((0.001, 0.006, 0.001), 0.003, 0.0)}, arm)
+    for limit in (0.2, 20.0):  # anytime planners use all of it; a busy machine needs the longer limit
+        plan = planners.plan(space, (0.0, 0.0), (0.006, 0.0), planner=planner, time_limit=limit, seed=1)
+        if plan.solved:
+            break
+    assert plan.certified and 0.0085 < plan.length < 0.02
+
+
+def test_joints_that_cannot_move_are_refused_if_ompl_needs_their_range(tmp_path: Path) -> None:
+    links = link("base"), link("mast"), link("head", ((0.1, 0.1, 0.1), (0.5, 0, 0)))
+    parts = joint("spin", "base", "mast", kind="continuous", limits=None), joint("lift", "mast", "head", limits=(1, 1))
+    space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *links, *parts)))
+    assert planners.plan(space, (0.0, 1.0), (2.0, 1.0)).certified
+    message = r"space spans 0 rad; OMPL's planners need at least .* rad; use planner='BiRRT', or joints of type 'fixed'"
+    for refuse in (
+        lambda: planners.plan(space, (0.0, 1.0), (2.0, 1.0), planner="RRTConnect"),
+        lambda: planners.simple_setup(space),
+    ):
+        with pytest.raises(InputError, match=message):
+            refuse()
 
 
 @refusals(

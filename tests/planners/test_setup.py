@@ -9,11 +9,12 @@ from ompl import base as ob
 from ompl import geometric as og
 
 import planners
-from cspace import InputError
+from cspace import BLOCKED, FREE, CSpace, InputError, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
+from tests.handmade import fill_boxes
 from tests.missing import output_without
-from tests.planning import CAR_OPTIONS, SPACES, build_room
+from tests.planning import CAR_OPTIONS, SPACES, build_from_states, build_room
 from tests.refusals import refusals
 
 
@@ -174,3 +175,50 @@ except cspace.MissingPackageError as error:
 """,
     )
     assert "pip install ompl" in output
+
+
+def build_tiny_room(metres: float) -> tuple[CSpace, Any, Any]:
+    """Build 60 x 40 cells of a side with a wall, for a robot that turns, and return start and goal."""
+    workspace = Workspace.from_array(fill_boxes((60, 40), np.s_[28:31, :26]), metres)
+    space = build(workspace, Robot.rectangle(6 * metres, 3 * metres), rotations=24)
+    return space, (8 * metres, 8 * metres, 0.0), (50 * metres, 8 * metres, 2.0)
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
+@pytest.mark.parametrize("planner", ["RRTConnect", "KPIECE1", "BITstar"])
+def test_planners_of_ompl_plan_in_nanometres(planner: str, drive: str) -> None:
+    space, *query = build_tiny_room(1e-9)
+    radius = {"turning_radius": 4e-9} if drive == "reeds-shepp" else {}
+    for limit in (0.2, 20.0):  # anytime planners use all of it; a busy machine needs the longer limit
+        plan = planners.plan(space, *query, planner=planner, drive=drive, time_limit=limit, seed=1, **radius)
+        if plan.solved:
+            break
+    assert plan.certified and plan.planner == planner
+
+
+def test_ompl_takes_over_in_nanometres() -> None:
+    states = np.full((8, 20, 20), BLOCKED, dtype=np.uint8)
+    states[0, 3:17, 3:17] = FREE  # Lattice finds no path, as the robot cannot turn
+    space = build_from_states(states, 8, 1e-9)
+    plan = planners.plan(space, (10.5e-9, 5.5e-9, 0.0), (10.5e-9, 14.5e-9, 0.0), drive="differential", time_limit=0.1)
+    assert not plan.solved and plan.status.startswith("no path found within 0.1 s; the lattice of 16 headings")
+
+
+def test_spaces_too_small_for_ompl_are_left_to_built_in_searches() -> None:
+    space, *query = build_tiny_room(1e-12)
+    message = r"space spans 7.21e-11 m; OMPL's planners need at least 2.2e-10 m; use a larger unit"
+    for refuse in (
+        lambda: planners.plan(space, *query, planner="RRTConnect"),
+        lambda: planners.plan(space, *query, iterations=100),
+        lambda: planners.state_space(space),
+        lambda: planners.simple_setup(space),
+    ):
+        with pytest.raises(InputError, match=message):
+            refuse()
+    for planner in (None, "Grid", "MaxClearance"):
+        assert planners.plan(space, *query, planner=planner, time_limit=20.0).certified
+    # A robot too long to turn cannot drive to its side, so Lattice fails, and OMPL cannot take over.
+    hall = build(Workspace.from_array(fill_boxes((60, 16)), 1e-12), Robot.rectangle(40e-12, 3e-12), rotations=24)
+    plan = planners.plan(hall, (30e-12, 6e-12, 0.0), (30e-12, 10e-12, 0.0), drive="differential", time_limit=20.0)
+    assert not plan.solved and plan.is_connected and plan.planner == "Lattice"
+    assert "the lattice of 16 headings has no path; " in plan.status
