@@ -210,25 +210,22 @@ def test_cluster_build_equals_the_map_in_memory(live, tmp_path):
 
 
 def test_workers_forget_a_map_that_another_one_replaces(live, tmp_path):
-    workspace = random_workspace((60, 50))
-    wall = np.zeros((64, 64), dtype=bool)
+    # The stores of all maps have one path, and the workspace of the first three is the same.
+    workspace, wall = random_workspace((60, 50)), np.zeros((64, 64), dtype=bool)
     wall[5, :54] = True
-    maps = [  # their stores have one path
-        (workspace, cspace.Robot.disc(0.1), 0.0),
-        (workspace, cspace.Robot.disc(0.4), 0.0),
-        (workspace, cspace.Robot.disc(0.1), 0.5),
-        (cspace.Workspace.from_array(wall[:33, :33], 0.1), cspace.Robot.disc(0.05), 0.0),
-        (cspace.Workspace.from_array(wall, 0.1), cspace.Robot.disc(0.05), 0.0),
-    ]
-    rng = np.random.default_rng(0)
+    maps = [(workspace, cspace.Robot.disc(radius), margin) for radius, margin in ((0.1, 0.0), (0.4, 0.0), (0.1, 0.5))]
     with live.client(1) as client:
         for cells, robot, margin in maps:
             shutil.rmtree(tmp_path / "m", ignore_errors=True)
-            tiled = cspace.build(cells, robot, margin=margin, store=tmp_path / "m", tile=32, client=client)
+            cspace.build(cells, robot, margin=margin, store=tmp_path / "m", tile=32, client=client)
+            check_states(tmp_path / "m", cspace.build(cells, robot, margin=margin))
+        for side in (33, 64):
+            shutil.rmtree(tmp_path / "m")
+            cells = cspace.Workspace.from_array(wall[:side, :side], 0.1)
+            tiled = cspace.build(cells, maps[0][1], store=tmp_path / "m", tile=32)
             tiled.compute_components(client=client)
-            space = cspace.build(cells, robot, margin=margin)
-            check_states(tmp_path / "m", space)
-            starts, goals = rng.uniform(space.grid.lower, space.grid.upper, (2, 500, 2))
+            space = cspace.build(cells, maps[0][1])
+            starts, goals = np.random.default_rng(0).uniform(0.0, 0.1 * side, (2, 500, 2))
             np.testing.assert_array_equal(tiled.is_disconnected(starts, goals), space.is_disconnected(starts, goals))
             np.testing.assert_array_equal(tiled.is_connected(starts, goals), space.is_connected(starts, goals))
 
