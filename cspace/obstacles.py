@@ -135,13 +135,12 @@ class LazyCells:
 
     @property
     def _place(self) -> str:
-        """Name, or place in its file, that distinguishes the array from others of that shape.
+        """Place in its files that distinguishes the array from others of that shape.
 
-        An array without either is read as a whole, once, for its digest.
+        An array without such a place is read as a whole, once, for its digest. The name of a dask array does not serve,
+        because it may be another one in the process that resumes a build.
         """
-        array, data = self.array, getattr(getattr(self.array, "variable", None), "_data", self.array)
-        if type(data).__module__.partition(".")[0] == "dask":  # dask, too, takes arrays of one name for the same
-            return str(data.name)
+        array = self.array
         if self._files():
             if isinstance(array, np.memmap):
                 whole, begin = _find_mapped(array)

@@ -221,13 +221,17 @@ def _check_planes(
     arm: Arm, obstacles: Mapping[str, PosedShape | None], padding: Mapping[str, float], margin: float
 ) -> None:
     """Raise InputError if a plane ends within the reach of an arm."""
-    planes = {name: each for name, each in obstacles.items() if each is not None and each.plane_radius is not None}
+    planes = [
+        (name, each.pose[:3, 3], each.plane_radius)
+        for name, each in obstacles.items()
+        if each is not None and each.plane_radius is not None
+    ]
     if not planes:
         return
     reach = measure_arm_reach(arm) + margin + max(padding.get(link.name, 0.0) for link in arm.links)
-    for name, each in planes.items():
-        needed, radius = reach + float(np.linalg.norm(each.pose[:3, 3])) + padding.get(name, 0.0), each.plane_radius
-        if radius is not None and needed > radius:
+    for name, center, radius in planes:
+        needed = reach + float(np.linalg.norm(center)) + padding.get(name, 0.0)
+        if needed > radius:
             rule = f"the arm reaches {needed:.6g} m from the origin of its scene, margin and padding included"
             hint = "pass a larger one to read_moveit_scene"
             raise InputError("plane_radius", f"of {name!r} is {radius:g}", rule, hint, value=radius)

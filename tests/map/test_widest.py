@@ -136,10 +136,8 @@ def draw_map_with_offset_robot(name: str, outside: str, rng: np.random.Generator
     """Draw a map of obstacles for a robot that may lie far from its reference point."""
     flat = name in ("plane", "turning")
     shape = rng.integers(1, 10, 2) if flat else rng.integers(1, 6, 3)
-    cells, center = (
-        rng.random(shape) < rng.uniform(0.0, 0.1),
-        rng.uniform(-1.0, 1.0, len(shape)) * rng.choice([0, 2, 4]),
-    )
+    cells = rng.random(shape) < rng.uniform(0.0, 0.1)
+    center = rng.uniform(-1.0, 1.0, len(shape)) * rng.choice([0, 2, 4])
     if name in WIDEST_TURNS:
         robot = Robot.rectangle(1.5, 0.3, center) if flat else Robot.box((1.5, 0.3, 0.3), center)
     else:

@@ -70,6 +70,7 @@ def read_in_parts(workspace):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(source, "read", read_part)
+        patch.setattr("cspace.obstacles._DIGESTED_CELLS", 100)
         yield
 
 
