@@ -10,10 +10,9 @@ import json
 import math
 import mmap
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -329,39 +328,15 @@ class Obstacle(NamedTuple):
     inner: Bools
 
     @classmethod
-    def of(cls, shape: Shape, grid: Grid, periodic_axes: Sequence[bool] = ()) -> Obstacle:
+    def of(cls, shape: Shape, grid: Grid) -> Obstacle:
         """Rasterize a shape.
 
-        Its cells are clipped to the grid, but its geometry is not. Along periodic axes the shape repeats with the
-        period of the grid.
+        Its cells are clipped to the grid, but its geometry is not.
 
         Raises InputError if the shape is so far from the grid that rounding could exceed the certificate's slack, or if
         its interior depends on the spacing.
         """
         shape.outer.boundary()  # raises the errors of later exact queries now
-        period = grid.spacing * np.array(grid.shape) * (periodic_axes or np.zeros(grid.dim))
-        # Numbers of the periods, along each axis, in which copies of the shape may touch the grid.
-        low, high = (
-            np.floor(np.divide(corner + more - grid.lower, period, out=np.zeros(grid.dim), where=period > 0.0))
-            for corner, more in zip(shape.outer.bounds, (-grid.spacing, grid.spacing), strict=True)
-        )
-        shifts = product(*map(range, low.astype(int).tolist(), (high.astype(int) + 1).tolist()))
-        parts = [cls._clip(shape, Grid(grid.lower + period * each, grid.spacing, grid.shape)) for each in shifts]
-        if len(parts) == 1:
-            return parts[0]
-        # Unite the cells of all copies in a common box.
-        first = np.min([each.box[0] for each in parts], axis=0)
-        stop = np.max([each.box[1] for each in parts], axis=0)
-        outer, inner = np.zeros((2, *(stop - first)), dtype=np.bool_)
-        for each in parts:
-            window = tuple(map(slice, each.box[0] - first, each.box[1] - first))
-            outer[window] |= each.outer
-            inner[window] |= each.inner
-        return cls(shape, (first, stop), outer, inner)
-
-    @classmethod
-    def _clip(cls, shape: Shape, grid: Grid) -> Obstacle:
-        """Rasterize the part of a shape on a grid."""
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.outer.bounds)
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
         # This grid has the same lower corner as that of a build, so that its cells are equal to the bit.

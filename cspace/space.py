@@ -34,7 +34,6 @@ from cspace.map.batches import (
 from cspace.map.contents import Contents
 from cspace.map.derived import Lock, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
-from cspace.map.periodic import Periodic, below_half_a_turn, with_wrapped_angles
 from cspace.map.storage import (
     Map,
     PackedStates,
@@ -47,8 +46,6 @@ from cspace.map.storage import (
     read_only_of,
 )
 from cspace.raster import Raster
-from cspace.rotations import Rotations
-from cspace.rotations.base import shorter
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
 from cspace.threads import MIN_ITEMS_PER_THREAD
@@ -75,21 +72,17 @@ class MemoryBackend:
     Attributes
     ----------
     map_ : Map
-        Record of the map, with periodic axes unrolled; it follows updates.
-    periodic : Periodic
-        Periodic axes.
+        Record of the map; it follows updates.
     lock : Lock
         Held by an update while it changes cells.
     """
 
     map_: Map
-    periodic: Periodic
     lock: Lock
 
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query; see :class:`cspace.configuration_map.Backend`."""
-        run = partial(kernel, self.map_, *arguments)
-        return in_threaded_chunks(self.periodic.wrap_rows(run) if self.periodic else run, least)
+        return in_threaded_chunks(partial(kernel, self.map_, *arguments), least)
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` under the lock; see :class:`cspace.configuration_map.Backend`."""
@@ -112,11 +105,6 @@ class CSpace(ConfigurationMap, MapExport):
     With ``outside="blocked"``, a configuration outside the grid is BLOCKED if the robot is proven to leave the
     workspace; with ``outside="free"``, it is FREE if the robot is proven to reach no obstacle; otherwise it is MIXED.
     In a window of a larger map (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
-
-    Axes of continuous joints are periodic: angles up to 256 radians are accepted and wrapped. Motions take the shorter
-    arc, as in OMPL, and the rows of a path are unwrapped, so that straight motions join them. Obstacles repeat with a
-    period of 2 pi. On such a map, :meth:`clearance` and :meth:`is_free_around` are limited to pi, and
-    :meth:`overlap_count`, :meth:`obstacle_distance` and overlap fields are undefined.
 
     Parameters
     ----------
@@ -166,14 +154,6 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def _kept(self) -> Contents:
         return self._contents
-
-    @property
-    def periodic_axes(self) -> tuple[bool, ...]:
-        """Whether each coordinate is a continuous joint's angle.
-
-        Such angles have a period of 2 pi.
-        """
-        return self._contents.periodic_axes or (False,) * self.size
 
     @property
     def precision(self) -> str:
@@ -243,10 +223,8 @@ class CSpace(ConfigurationMap, MapExport):
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = count_states(states)[:, FREE][self._slice_of]
-        periodic = self._contents.periodic
         mean = float(free @ rotations._volumes / rotations._volumes.sum()) * grid.spacing**grid.dim
         return {
-            **({"periodic_axes": periodic.names_among(self.axes)} if periodic else {}),
             **({"slices": len(states)} if rotations.names else {}),
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
@@ -339,7 +317,6 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.points import classify_few
 
-        self._refuse_periodic("obstacle_distance", "use the ArmSpace of the arm")
         points = as_points(q, "q", self.size)
         rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
@@ -371,8 +348,7 @@ class CSpace(ConfigurationMap, MapExport):
         callable
             ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or infinite input.
         """
-        check = self._exact.point_checker(self._point_checker) if exact else self._point_checker
-        return with_wrapped_angles(check, self.periodic_axes)
+        return self._exact.point_checker(self._point_checker) if exact else self._point_checker
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` of floats, for callbacks.
@@ -388,8 +364,7 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats; returns False for NaN
             or infinite input.
         """
-        check = self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
-        return with_wrapped_angles(check, self.periodic_axes)
+        return self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
 
     def clearance_checker(self) -> Callable[..., float]:
         """Return a fast ``clearance`` of floats, for callbacks.
@@ -401,7 +376,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.clearance import checker
 
-        return with_wrapped_angles(checker(self._kernel_map, self._live_marks, self.size), self.periodic_axes)
+        return checker(self._kernel_map, self._live_marks, self.size)
 
     # ---- paths through FREE cells ------------------------------------------------------------------------------------
 
@@ -457,8 +432,7 @@ class CSpace(ConfigurationMap, MapExport):
         exact : bool
             Whether the path may cross MIXED cells where the geometry itself proves it free. The search decides the
             centers of MIXED cells near its chain and repeats, until geometry proves all edges of a path, or no chain
-            left promises a shorter path than the one through FREE cells. On a map with periodic axes, geometry only
-            shortens the path through FREE cells.
+            left promises a shorter path than the one through FREE cells.
         time_limit : float, optional
             Seconds after which the search gives up; compiling does not count. No limit by default.
 
@@ -495,11 +469,9 @@ class CSpace(ConfigurationMap, MapExport):
         """
         seconds = math.inf if time_limit is None else check_positive(time_limit, "time_limit", "seconds")
         try:
-            path = search(q0, q1, straight, seconds)
+            return search(q0, q1, straight, seconds)
         except TimeoutError:
             return np.empty((0, self.size))
-        periodic = self._contents.periodic
-        return periodic.begin_at(path, np.asarray(q0, dtype=np.float64)) if periodic else path
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
@@ -510,7 +482,7 @@ class CSpace(ConfigurationMap, MapExport):
         still = not self.rotations._steps_between(*endpoints)[dim:].any()
         if still:
             endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
-        if not straight or any(self.periodic_axes):
+        if not straight:
             return self._path_along_chain(endpoints, straight, seconds)
         if self.edge_checker()(*endpoints[0], *endpoints[1]):
             return endpoints
@@ -538,12 +510,10 @@ class CSpace(ConfigurationMap, MapExport):
         through_free = endpoints[:0]
         if np.all(self.is_free(endpoints)):
             through_free = self._free_path(endpoints[0], endpoints[1], straight, seconds)
-        paths = [through_free]
-        if not any(self.periodic_axes):
-            max_length = path_length(through_free, rotations) if len(through_free) else math.inf
-            paths.append(self._path_through_mixed(endpoints, check, max_length, until))
+        max_length = path_length(through_free, rotations) if len(through_free) else math.inf
+        paths = [through_free, self._path_through_mixed(endpoints, check, max_length, until)]
         if straight:
-            checked = in_time(below_half_a_turn(check, self.periodic_axes), until)
+            checked = in_time(check, until)
             paths = [pulled_straight(path, rotations, checked) if len(path) else path for path in paths]
         found = [path for path in paths if len(path)]
         return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
@@ -581,27 +551,25 @@ class CSpace(ConfigurationMap, MapExport):
         It is shortened if ``straight``. With ``levels`` of clearance, the length of a move is multiplied by the factor
         of its cells' level, and ``cost`` is that of an edge.
         """
-        from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
+        from cspace.map.paths import in_time, pulled_straight, waypoints
         from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, NO_FACTORS, SHORT_WEIGHT, CellFactors, Graph
 
         dim, rotations = self.grid.dim, self.rotations
-        periodic = self.periodic_axes[:dim]
         by_cell = NO_FACTORS if levels is None or factors is None else CellFactors(levels.reshape(-1), factors)
-        guides = [] if any(periodic) else self._guides.all(levels, by_cell.of_level)
+        guides = self._guides.all(levels, by_cell.of_level)
         until = clock() + seconds
-        graph = Graph.of(self._seen, self._slice_of, rotations._neighbors, self._turn_costs, periodic, by_cell)
+        graph = Graph.of(self._seen, self._slice_of, rotations._neighbors, self._turn_costs, by_cell)
         weight = SHORT_WEIGHT if self.grid.size * len(rotations) <= MAX_COSTED_CELLS else GREEDY_WEIGHT
         first, last = self._cells_of(endpoints)
         cells = graph.chain(first, last, until, greed=weight, guides=guides)
         if not len(cells):
             return np.empty((0, self.size))
-        cells = unwind(cells, self.grid.shape, periodic)
-        path = waypoints(self.grid, rotations, endpoints, cells, periodic)
+        path = waypoints(self.grid, rotations, endpoints, cells)
         if (endpoints[0, dim:] == endpoints[1, dim:]).all() and (cells[:, 0] == cells[0, 0]).all():
             path[:, dim:] = endpoints[0, dim:]  # without turning to the center of the rotation cell
         if not self.certify_path(path).all():
             return np.empty((0, self.size))
-        check = in_time(below_half_a_turn(self.edge_checker(), self.periodic_axes), until)
+        check = in_time(self.edge_checker(), until)
         return pulled_straight(path, rotations, check, cost) if straight else path
 
     def _cheapest_path(
@@ -628,7 +596,7 @@ class CSpace(ConfigurationMap, MapExport):
         until = clock() + seconds
         paths = [self._free_path(endpoints[0], endpoints[1], straight, seconds)]
         if straight and len(paths[0]):
-            check = in_time(below_half_a_turn(self.edge_checker(), self.periodic_axes), until)
+            check = in_time(self.edge_checker(), until)
             paths.append(pulled_straight(paths[0], self.rotations, check, cost))
         with suppress(TimeoutError):
             paths.append(self._path_along_chain(endpoints, straight, until - clock(), levels, factors, cost))
@@ -671,7 +639,7 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         float
-            Metres; infinity if BLOCKED cells separate the two. On a map with periodic axes, the straight distance.
+            Metres; infinity if BLOCKED cells separate the two.
 
         Raises
         ------
@@ -685,8 +653,6 @@ class CSpace(ConfigurationMap, MapExport):
 
         grid, endpoints = self.grid, np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         positions = endpoints[:, : grid.dim]
-        if any(self.periodic_axes):
-            return float(np.linalg.norm(shorter(positions[1] - positions[0], self.periodic_axes)))
         one_group = np.zeros_like(self._slice_of)
         lowest = Coarse(cells_of(self._seen), self._slice_of, grid.shape, one_group, 1).states[0]
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
@@ -737,7 +703,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.widest import find_widest_path
 
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        widest, kernel_map = self._update_clearance_levels(), self._grid_kernel_map
+        widest, kernel_map = self._update_clearance_levels(), self._kernel_map
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         join = partial(self._components_of, exterior_open=np.zeros(len(self._seen), dtype=np.bool_))
@@ -748,13 +714,12 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the levels of all cells after the last update; raise InputError if they do not fit into memory."""
         from cspace.map.widest import WIDEST_BYTES_PER_CELL
 
-        # Levels cover the unrolled map: half a period more at either end of a periodic axis.
-        cells = self.grid.size * len(self.rotations) * 2 ** sum(self.periodic_axes)
+        cells = self.grid.size * len(self.rotations)
         needed, fewer = WIDEST_BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
         check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
         with self._lock:
             # A new object, because searches in other threads may still read the old levels.
-            widest = vars(self)["_clearance_levels"] = self._clearance_levels.updated(self._grid_kernel_map, self._seen)
+            widest = vars(self)["_clearance_levels"] = self._clearance_levels.updated(self._kernel_map, self._seen)
         return widest
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
@@ -776,7 +741,7 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         ndarray of float64, shape (n, size), or (size,)
-            Metres, and radians; yaw, and angles of continuous joints, in [-pi, pi), as OMPL's bounds require.
+            Metres, and radians; yaw in [-pi, pi), as OMPL's bounds require.
 
         Raises
         ------
@@ -806,7 +771,7 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         ndarray of float64, shape (size,)
-            Metres, and radians; yaw, and angles of continuous joints, in [-pi, pi), as OMPL's bounds require.
+            Metres, and radians; yaw in [-pi, pi), as OMPL's bounds require.
 
         Raises
         ------
@@ -815,10 +780,6 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.sampling import nearest
 
-        periodic = self._contents.periodic
-        if periodic:
-            wrapped = periodic._make_canonical(as_points(q, "q", self.size))
-            return periodic._make_canonical(self._unrolled.nearest_free(wrapped))
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
             rule = f"it must be one configuration, shape ({self.size},)"
@@ -1010,11 +971,6 @@ class CSpace(ConfigurationMap, MapExport):
             CSpace._free_cells.drop(self)
             for part in (CSpace._mip, CSpace._clearance_levels, CSpace._inflation, CSpace._components, CSpace._guides):
                 part.refresh(self, change.states)
-        unrolled, periodic = CSpace._with_other_turns.cached(self), contents.periodic
-        if unrolled is not None:
-            dim, workspace = self.grid.dim, change.workspace
-            for first, box in periodic.appearances(change.cells[3 - dim : 3], change.cells[6 - dim :]):
-                unrolled.update(workspace.outer[box], first.tolist(), inner=workspace.inner[box])
         CSpace._exact.refresh(self, self._problem)
 
     # ---- overlap fields ----------------------------------------------------------------------------------------------
@@ -1039,7 +995,6 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.spectral.overlap import OverlapField
 
-        self._refuse_periodic("overlap_field", "use the ArmSpace of the arm")
         values = OverlapField.of(self, overlap).values
         with self._lock:  # an update waits
             return CSpace(replace(self._contents.copy(), field=values), self._rasters)
@@ -1072,12 +1027,9 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.clearance import slice_clearances
 
-        whole, periodic = self._unrolled, self._contents.periodic
         if number is None:
-            clearances = whole._inflation.clearances(limit)
-        else:
-            clearances = slice_clearances(whole._seen[number], whole._exterior.table[number], limit)
-        return clearances[periodic.center_period] if periodic else clearances
+            return self._inflation.clearances(limit)
+        return slice_clearances(self._seen[number], self._exterior.table[number], limit)
 
     def _flat_state(self) -> States:
         """Return each cell's state over all rotations.
@@ -1101,17 +1053,9 @@ class CSpace(ConfigurationMap, MapExport):
     def _exterior(self) -> Exterior:
         return self._contents.exterior or Exterior.of(self.workspace.outer, self._rasters, self.outside)
 
-    @property
-    def _kernel_map(self) -> Map:
-        """The map as input of kernels.
-
-        Periodic axes are unrolled. It follows updates.
-        """
-        return self._unrolled._grid_kernel_map
-
     @lazy
-    def _grid_kernel_map(self) -> Map:
-        """The map as input of compiled functions, without unrolling."""
+    def _kernel_map(self) -> Map:
+        """The map as input of compiled functions; it follows updates."""
         grid, rotations = self.grid, self.rotations._compile(self._slice_of)
         return Map(
             kernel_states(self._seen),
@@ -1122,38 +1066,6 @@ class CSpace(ConfigurationMap, MapExport):
             grid.upper,
             self._exterior.table,
         )
-
-    @property
-    def _unrolled(self) -> CSpace:
-        """The map with periodic axes unrolled.
-
-        Periodic axes have half a period more at either end; without such axes, it is the map itself.
-        """
-        return self._with_other_turns if self._contents.periodic else self
-
-    @lazy
-    def _with_other_turns(self) -> CSpace:
-        periodic = self._contents.periodic
-        return self._unroll(-periodic.padding, self.grid.shape + periodic.padding)
-
-    def _unroll(self, first: Ints, stop: Ints) -> CSpace:
-        """Return cells [first, stop) without periodic axes.
-
-        Cells are repeated as needed.
-        """
-        periodic = self._contents.periodic
-        workspace, states = periodic.unroll(self.workspace, np.asarray(self._seen[0]), first, stop)
-        return CSpace(Contents(workspace, self.robot, Rotations.of(None), self._slice_of, states[np.newaxis]))
-
-    def _refuse_periodic(self, what: str, hint: str) -> None:
-        """Raise InputError if the map has periodic axes.
-
-        ``what`` is undefined for them.
-        """
-        periodic = self._contents.periodic
-        if periodic:
-            axes = ", ".join(periodic.names_among(self.axes))
-            raise InputError(what, f"is undefined on a map with periodic axes ({axes})", hint=hint)
 
     @lazy
     def _exact(self) -> ExactQueries:
@@ -1168,7 +1080,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         exterior_blocked, prove = self.outside != "free", self._contents.prove
         return Problem(
-            self._kernel_map, self.rotations, self._unrolled.workspace, self.robot, self.margin, exterior_blocked, prove
+            self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked, prove
         )
 
     @lazy
@@ -1183,10 +1095,9 @@ class CSpace(ConfigurationMap, MapExport):
 
         Cells are joined through the exterior of open slices too.
         """
-        from cspace.map.components import Components, PeriodicComponents
+        from cspace.map.components import Components
 
-        of_slices = states, self._slice_of, self.rotations._neighbors, exterior_open
-        return PeriodicComponents(*of_slices, self.periodic_axes) if self._contents.periodic else Components(*of_slices)
+        return Components(states, self._slice_of, self.rotations._neighbors, exterior_open)
 
     def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
         """Guess whether two cells are disconnected; see the base class."""
@@ -1199,7 +1110,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _marks(self, *, cells: bool, eager: bool = False) -> OccupancyBits:
         """Return the bits of cells that are not FREE; see :meth:`cspace.map.mip.OccupancyPyramid.marks`."""
-        return self._unrolled._mip.marks(cells, eager)
+        return self._mip.marks(cells, eager)
 
     @lazy
     def _mip(self) -> OccupancyPyramid:
@@ -1255,7 +1166,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Clearance levels of all cells, and searches for widest paths over them; computed at first access."""
         from cspace.map.widest import Widest
 
-        return Widest.of(self._grid_kernel_map, self._seen, self.rotations, self.periodic_axes[: self.grid.dim])
+        return Widest.of(self._kernel_map, self._seen, self.rotations)
 
     @lazy
     def _inflation(self) -> Inflation:
@@ -1278,17 +1189,10 @@ class CSpace(ConfigurationMap, MapExport):
 
         return edge_checker(self._kernel_map, self.size)
 
-    def _cells_of(self, points: Floats) -> Ints:
-        """Return the cells of configurations, wrapped along periodic axes."""
-        periodic = self._contents.periodic
-        if not periodic:
-            return super()._cells_of(points)
-        return np.insert(periodic.cells_in_turn(self._unrolled.grid, points), 0, 0, axis=-1)
-
     @lazy
     def _backend(self) -> MemoryBackend:
         """Backend of the queries."""
-        return MemoryBackend(self._kernel_map, self._contents.periodic, self._lock)
+        return MemoryBackend(self._kernel_map, self._lock)
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
@@ -1306,7 +1210,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.mip import MAX_CELLS_PER_EDGE
 
-        if CSpace._mip.cached(self._unrolled) is None and number * MAX_CELLS_PER_EDGE < self._seen.size:
+        if CSpace._mip.cached(self) is None and number * MAX_CELLS_PER_EDGE < self._seen.size:
             return None
         return self._marks(cells=False).blocks
 
@@ -1314,7 +1218,6 @@ class CSpace(ConfigurationMap, MapExport):
         """Count the overlaps of the robot with outer or inner cells."""
         from cspace.map.overlaps import overlaps
 
-        self._refuse_periodic("overlap_count", "use classify()")
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
         exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
         workspace = self.workspace

@@ -809,7 +809,6 @@ class Store:
         outer, inner = self.obstacles_in(box, records.__getitem__)
         source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
         leading = (*self.rotations._leading_axes(self.slices), *self.grid.shape)
-        periodic_axes = self.metadata.get("periodic_axes", "").split()
         return Contents(
             Workspace(self.grid, outer, inner, source=source, unknown=unknown, shapes=self.shapes),
             self.robot,
@@ -823,7 +822,6 @@ class Store:
             arrays[FIELD_NAME].reshape(leading) if FIELD_NAME in arrays else None,
             Exterior(arrays["exterior"]) if "exterior" in arrays else None,
             self.proves_blocked,
-            periodic_axes=tuple(axis in periodic_axes for axis in self.grid.axes) if periodic_axes else (),
         )
 
     def done(self) -> list[Index]:

@@ -195,7 +195,7 @@ class Updater:
         refresh: Callable[[Change], None],
     ) -> None:
         blocked, counts, shape = contents.proves_blocked, contents.overlap_counts is not None, contents.grid.shape
-        self._grid, self._periodic_axes, self._layers = contents.grid, contents.periodic_axes, contents.layers
+        self._grid, self._layers = contents.grid, contents.layers
         self._states, self._overlap_counts = contents.states, contents.overlap_counts
         self._rasters, self._exterior, self._refresh_map = rasters, exterior, refresh
         self._sides = group_rasters(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
@@ -234,7 +234,7 @@ class Updater:
 
     def set_obstacle(self, name: str, shape: Shape | None) -> Update:
         """Add, replace or remove a named obstacle, and update the map."""
-        obstacle = None if shape is None else Obstacle.of(shape, self._grid, self._periodic_axes)
+        obstacle = None if shape is None else Obstacle.of(shape, self._grid)
         if self._layers is None:
             self._layers = _layers_of(self._workspace)
         boxes = self._layers.set_obstacle(name, obstacle)

@@ -31,11 +31,10 @@ from cspace.compiling import bind_kernel
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.map.periodic import with_wrapped_angles
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE
-from planners.states import Configuration, check_space, kind_of
+from planners.states import Configuration, check_space, kind_of, with_wrapped_angles
 
 if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace
@@ -463,7 +462,7 @@ class StraightEdges(EdgesOnMap):
         """Make ``cost(*q0, *q1)``, the cost of the straight edge."""
         from planners.integrals import make_edge_cost
 
-        return with_wrapped_angles(make_edge_cost(self.space, field, density), self.space.periodic_axes)
+        return make_edge_cost(self.space, field, density)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of straight edges plus half their radians, shape (n,)."""

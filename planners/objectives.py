@@ -14,7 +14,6 @@ from cspace.arrays import FREE, Floats
 from cspace.check import check_not_negative, check_positive
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
-from cspace.map.periodic import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from planners.integrals import CostDensity, Field, make_edge_cost
@@ -77,10 +76,7 @@ class WeightedLength(ob.OptimizationObjective):
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._density = field, CostDensity(offset, slope, weight, edges.rotation_weight)
         self._kind, self._space, dim, size = kind_of(space), space, space.grid.dim, space.size
-        line = with_wrapped_angles(
-            lambda *endpoints: math.dist(endpoints[:dim], endpoints[size : size + dim]), space.periodic_axes
-        )
-        self._line = self._kind.of_states(line)
+        self._line = self._kind.of_states(lambda *ends: math.dist(ends[:dim], ends[size : size + dim]))
         self._cost = self._integrate = self._kind.of_states(edges.edge_cost(field, self._density))
 
     @property

@@ -53,7 +53,7 @@ class Passages:
         seconds = closed.size / CHAIN_CELLS_PER_SECOND  # a search for a chain cannot be interrupted
         while clock() + seconds < self.until:
             began = clock()
-            chain = open_chain(space._grid_kernel_map, space.rotations._neighbors, first, last, closed)
+            chain = open_chain(space._kernel_map, space.rotations._neighbors, first, last, closed)
             seconds = max(seconds, clock() - began)
             if len(chain):
                 path = self._follow(chain, ends, closed)

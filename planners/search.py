@@ -25,7 +25,6 @@ from ompl import util as ou
 from cspace.arrays import Floats
 from cspace.compiling import clock
 from cspace.map.paths import pulled_straight
-from cspace.map.periodic import below_half_a_turn
 from cspace.rotations import Rotations
 from planners.catalogue import (
     BIDIRECTIONAL_BY_DRIVE,
@@ -38,7 +37,7 @@ from planners.lattice import shorten_path
 from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, LocalPlanner
 from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, make_setup
-from planners.states import kind_of
+from planners.states import below_half_a_turn, kind_of
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeVar
 
@@ -12,7 +13,7 @@ from cspace.arrays import Floats
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
-from cspace.rotations.base import METRES_PER_RADIAN, shorter
+from cspace.rotations.base import MAX_JOINT_ANGLE, METRES_PER_RADIAN, TWO_PI, shorter
 
 Configuration = tuple[float, ...]
 """Numbers of a configuration."""
@@ -220,3 +221,41 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
             state[first + n].value = q[k]
 
     return StateKind(make, set_bounds, read, write, periodic_axes)
+
+
+def with_wrapped_angles(check: Callable[..., Value], periodic_axes: Sequence[bool]) -> Callable[..., Value]:
+    """Wrap a function to get angles in [-pi, pi).
+
+    The function takes floats. Angles of the second configuration are within half a turn of the first. Angles that
+    look-ups refuse become NaN, where no configuration is free.
+    """
+    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
+    if not periodic:
+        return check
+
+    # Local names are faster than global ones.
+    limit, period, half, remainder = MAX_JOINT_ANGLE, TWO_PI, math.pi, math.remainder
+
+    def wrapped(*numbers: float) -> Value:
+        near = list(numbers)
+        for k in periodic:
+            first = numbers[k] if -limit <= numbers[k] <= limit else math.nan
+            here = remainder(first, period)
+            near[k] = here = here if here != half else -half
+            if len(near) > size:
+                angle = numbers[size + k]
+                near[size + k] = here + remainder(angle - first, period) if -limit <= angle <= limit else math.nan
+        return check(*near)
+
+    return wrapped
+
+
+def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool]) -> Callable[..., bool]:
+    """Wrap a check to fail for half turns or more.
+
+    The check takes the shorter arc, which is then another motion.
+    """
+    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
+    if not periodic:
+        return check
+    return lambda *both: all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in periodic) and check(*both)

@@ -86,22 +86,11 @@ def full_states(kind, side, state=FREE):
     return np.full((4 if "turning" in kind else 1, *(side,) * (3 if "space" in kind else 2)), state, dtype=np.uint8)
 
 
-def make_joint_map(states, periodic_axes, cells):
-    """Build a joint map with ``cells`` cells along each periodic axis."""
-    grid = Grid(np.where(periodic_axes, -np.pi, -1.0), 2.0 * np.pi / cells, states.shape, tuple("abc")[: states.ndim])
+def make_joint_map(states):
+    """Build a map of joints from states."""
+    grid = Grid((-1.0,) * states.ndim, 0.1, states.shape, tuple("abc")[: states.ndim])
     workspace = Workspace(grid, states != FREE, states == BLOCKED)
-    return map_in(workspace, Robot("arm", Point.at_origin(states.ndim)), states.copy(), periodic_axes=periodic_axes)
-
-
-@st.composite
-def joint_maps(draw, periodic_axes):
-    """Draw a joint map, its states, and a random generator."""
-    cells = draw(st.integers(3, 11 if len(periodic_axes) == 2 else 6))
-    shape = [cells if turns else draw(st.integers(1, 8 if len(periodic_axes) == 2 else 4)) for turns in periodic_axes]
-    rng = np.random.default_rng(draw(seeds))
-    density = draw(st.sampled_from([0.2, 0.4, 0.6]))
-    states = np.where(rng.random(shape) < density, rng.integers(1, 3, shape), 0).astype(np.uint8)
-    return make_joint_map(states, periodic_axes, cells), states, rng
+    return map_in(workspace, Robot("arm", Point.at_origin(states.ndim)), states.copy())
 
 
 def cells_per_axis(turns):

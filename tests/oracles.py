@@ -196,8 +196,8 @@ def segment_meets_block(start, end, low, high):
 def link_cells(wide, periodic_axes, corners=True):
     """Return links ``(first, last, metres)`` between neighbouring True cells of 1 m.
 
-    Two neighbours are linked if all cells touched on the way are True. Links cross sides, corners if ``corners``, and
-    the seam of periodic axes. In a plane without such axes, they also lead two cells along one axis and one along the
+    Two neighbours are linked if all cells touched on the way are True. Links cross sides, and corners if ``corners``.
+    In a plane without periodic axes, they also lead two cells along one axis and one along the
     other, if ``corners``. Only the shortest link between two cells counts.
     """
     reach = 2 if corners and wide.ndim == 2 and not np.any(periodic_axes) else 1

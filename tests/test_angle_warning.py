@@ -14,7 +14,6 @@ import cspace
 import planners
 from cspace import AngleWarning, CSpace, Robot, Workspace
 from planners.states import kind_of
-from tests.handmade import make_joint_map
 
 Call = Callable[[CSpace, tuple[float, ...]], object]
 
@@ -99,11 +98,6 @@ def test_a_tiled_map_warns(tmp_path: Path) -> None:
         assert warning.category is AngleWarning and warning.filename == __file__
 
 
-def test_only_continuous_joints_warn() -> None:
-    space = make_joint_map(np.zeros((8, 6), dtype=np.uint8), (True, False), 8)
-    (warning,) = catch_warnings(lambda: space.is_free((90.0, 0.0)))
-    assert "q: a is beyond a whole turn" in str(warning.message)
-    (warning,) = catch_warnings(lambda: planners.plan(space, (0.0, 0.0), (90.0, 0.0)))
-    assert "goal: a is beyond a whole turn" in str(warning.message)
+def test_positions_do_not_warn() -> None:
     plane: Any = cspace.build(Workspace.from_array(np.zeros((300, 9), dtype=bool), 1.0), Robot.disc(0.1))
     assert not catch_warnings(lambda: plane.is_free((90.0, 4.0)))

@@ -21,7 +21,6 @@ from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 from cspace.map.storage import PackedStates
 from planners.states import kind_of
-from tests.handmade import joint_maps
 from tests.maps import proven_paths
 from tests.planning import ENDPOINTS, build_room
 from tests.strategies import rotation_cells, seeds
@@ -80,15 +79,6 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
         first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
         assert_in_range(*(end[-1] for _, *both in tiled._tile_subproblems(first, last) for end in both))
-
-
-@settings(max_examples=10)
-@given(joint_maps((True, False)), seeds)
-def test_joint_maps_return_angles_from_minus_pi_to_below_pi(drawn: Any, seed: int) -> None:
-    space, rng = drawn[0], np.random.default_rng(seed)
-    if space.count()[0]:
-        assert_in_range(space.sample_free(100, rng)[:, 0])
-        assert_in_range([space.nearest_free(q)[0] for q in rng.uniform(-20.0, 20.0, (20, 2))])
 
 
 @pytest.mark.parametrize("name", ["turning", "yawing"])

@@ -41,9 +41,9 @@ from cspace.exact.triangles import MAX_PENDING_PAIRS
 from cspace.grid import Grid
 from cspace.limits import PlannedGrid, check_memory
 from cspace.map.contents import Contents
+from cspace.map.exterior import FARTHEST_CELL, Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.rotations.base import TWO_PI
 from cspace.shapes import Point
 from cspace.space import CSpace
 from cspace.threads import cores, in_threads
@@ -91,15 +91,13 @@ def build_joint_map(
     ----------
     space : ArmSpace
     spacing : float
-        Side of the cells: radians, and metres for prismatic joints. If a joint is continuous, the side is rounded down
-        so that whole cells make a turn.
+        Side of the cells: radians, and metres for prismatic joints.
     joints : sequence of str, optional
         The joints of the map, in the order of its axes; by default all joints of the arm.
     held_joints : array-like, shape (arm.dof,), optional
         A configuration of the arm, at which the other joints are held; required if there are others.
     limits : mapping of str to (float, float), optional
-        The mapped part of a joint's range. The default is the whole range, for continuous joints the whole circle
-        without a seam. No path crosses the ends of such a part.
+        The mapped part of a joint's range. The default is the whole range, for continuous joints from -pi to pi.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
@@ -108,10 +106,11 @@ def build_joint_map(
     Returns
     -------
     CSpace
-        Its axes are the joints, periodic for continuous ones. Queries with ``exact=True`` use the geometry of the arm
-        in MIXED cells, until cells are changed; files do not store it. The robot is a point, the workspace the cells
-        that are not FREE, and everything beyond the limits is BLOCKED. If the limits are not a whole number of cells
-        apart, the last cells exceed the upper limit and are never FREE.
+        Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED cells, until cells
+        are changed; files do not store it. The robot is a point, and the workspace the cells that are not FREE. All
+        beyond a joint's own limits is BLOCKED. All beyond the mapped part of a range is MIXED, so that no path crosses
+        its ends, and paths around a continuous joint are not excluded. If the ends are not a whole number of cells
+        apart, the last cells exceed the upper end, and are never FREE if that is a limit of the joint.
 
     Raises
     ------
@@ -141,13 +140,7 @@ def build_joint_map(
     joint_indices = np.array([arm.joints.index(name) for name in names])
     held = _held_configuration(space, names, held_joints)
     intervals = np.array([_joint_range(space, name, limits) for name in names])
-    periodic_axes = tuple(np.isinf(intervals).all(axis=1).tolist())
-    if any(periodic_axes):
-        intervals[list(periodic_axes)] = -math.pi, math.pi
-        around = _count_cells(np.array([[0.0, TWO_PI]]), side).item()
-        side = TWO_PI / around
-        if around * side - math.pi < math.pi:  # the last cell must contain the last angle
-            side = math.nextafter(side, math.inf)
+    joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
     counts = _count_cells(intervals, side)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
     shape = tuple(counts.tolist())
@@ -186,21 +179,20 @@ def build_joint_map(
         np.copyto(deciding_pairs, pairs, where=part_states > states)
         np.maximum(states, part_states, out=states)
     deciding_pairs[states != MIXED] = -1
-    for axis, (low, high) in enumerate(intervals.tolist()):
+    for axis, (low, high) in enumerate(zip(grid.lower, joint_limits[:, 1].tolist(), strict=True)):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
             last = np.moveaxis(states, axis, 0)[-1]
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations._slices_for(robot.shape)
-    circles = periodic_axes * any(periodic_axes)
-    intervals[list(periodic_axes)] = -math.inf, math.inf
     mixed = np.flatnonzero(deciding_pairs >= 0)
     part_names = tuple(each.name for group in space._snapshot.groups for each in group.members for _ in each.parts)
     prove = JointGeometry(
-        space._outer_scene, joint_indices, held, intervals, part_names, mixed, deciding_pairs.ravel()[mixed]
+        space._outer_scene, joint_indices, held, joint_limits, part_names, mixed, deciding_pairs.ravel()[mixed]
     )
-    return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], periodic_axes=circles, prove=prove))
+    exterior = _make_exterior(grid, intervals, joint_limits)
+    return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior, prove=prove))
 
 
 def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple[str, str], int]:
@@ -308,12 +300,23 @@ def _joint_range(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, f
             raise InputError(
                 "joints", f"name {name!r}, which stays at {full_range[0]:g}", "a map is of what moves", hint, value=name
             )
-        return full_range
+        return (-math.pi, math.pi) if math.isinf(full_range[0]) else full_range
     given = check_finite(limits[name], f"limits[{name!r}]")
     if given.shape != (2,) or not full_range[0] <= given[0] < given[1] <= full_range[1]:
         rule = f"they must be two ascending numbers within {full_range[0]:.12g} and {full_range[1]:.12g}"
         raise InputError(f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name])
     return float(given[0]), float(given[1])
+
+
+def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exterior:
+    """Return the states outside the grid: MIXED where the arm can go, else BLOCKED.
+
+    ``intervals``, shape (d, 2), are the mapped parts of the joints' ranges ``joint_limits``.
+    """
+    shape = np.array(grid.shape)
+    first = np.where(joint_limits[:, 0] < intervals[:, 0], -FARTHEST_CELL, 0)
+    last = np.where(joint_limits[:, 1] > intervals[:, 1], FARTHEST_CELL, shape - 1)
+    return Exterior(np.array([[*first, *last, BLOCKED]], dtype=np.int64))
 
 
 def _count_cells(intervals: Floats, side: float) -> Ints:
@@ -454,7 +457,7 @@ class JointGeometry:
     held : ndarray of float64, shape (arm.dof,)
         Values of the other joints.
     intervals : ndarray of float64, shape (d, 2)
-        The mapped part of each joint's range; infinite for continuous joints.
+        Limits of each joint; infinite for continuous joints.
     part_names : tuple of str
         Link or obstacle of each part of the scene's solids.
     mixed_cells : ndarray of int64, shape (n,)

@@ -671,7 +671,7 @@ def compute_reach(limit: float, shape: Sequence[int], exterior: Ints) -> int:
     It is the limit, or the distance of the farthest non-FREE cell.
     """
     boxes = exterior.reshape(-1, exterior.shape[-1])[:, :-1].reshape(-1, 2, len(shape))
-    farthest = np.maximum(boxes[:, 1], shape).max() - min(int(boxes[:, 0].min()), 0)
+    farthest = int(np.maximum(boxes[:, 1], shape).max()) - min(int(boxes[:, 0].min()), 0)
     reach = int(min(math.ceil(max(limit, 0.0)), farthest))
     if reach > MAX_REACH_CELLS:
         problem, rule = f"reaches {reach} cells beyond the robot", f"the maximum is {MAX_REACH_CELLS} cells"

@@ -597,66 +597,6 @@ class Components:
         return self._kinds[mixed]
 
 
-class PeriodicComponents(Components):
-    """Components of one period, joined across seams."""
-
-    def __init__(
-        self, states: Stack, slice_of: Ints, neighbors: Ints, exterior_open: Bools, periodic: Sequence[bool]
-    ) -> None:
-        super().__init__(states, slice_of, neighbors, exterior_open)
-        seams, shape = [], states.shape[1:]
-        for axis in np.flatnonzero(periodic).tolist():
-            low_cells = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
-            seams.append((low_cells, low_cells + (shape[axis] - 1) * np.eye(len(shape), dtype=np.int64)[axis]))
-        low_cells, high_cells = (np.concatenate(each) for each in zip(*seams, strict=True))
-        # Maps with periodic axes have one rotation cell, number 0.
-        self._seam_cells = np.insert(np.stack([high_cells, low_cells]), 0, 0, axis=2)
-        self._seam_classes: dict[bool, tuple[Ints, Ints]] = {}
-
-    def refresh(self, boxes: Ints) -> None:
-        """Mark the cells in boxes as changed.
-
-        ``boxes``, shape (slices, 6), has a box for each slice.
-        """
-        super().refresh(boxes)
-        self._seam_classes.clear()
-
-    def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the component of each cell; see :meth:`Components.of`."""
-        if mixed not in self._seam_classes:
-            self._seam_classes[mixed] = _join_across_seams(super().of(self._seam_cells, mixed))
-        components, (seam_components, merged) = super().of(cells, mixed), self._seam_classes[mixed]
-        if not len(seam_components):
-            return components
-        position = np.minimum(np.searchsorted(seam_components, components), len(seam_components) - 1)
-        return np.where(seam_components[position] == components, merged[position], components)
-
-    def box(self, cell: Ints) -> Ints:
-        """Return the bounding box of a FREE component.
-
-        The first and the last cell have shape (2, d).
-        """
-        component = self.of(cell)
-        seam_cells = self._seam_cells.reshape(-1, self._seam_cells.shape[-1])
-        one_cell_each = seam_cells[np.unique(super().of(self._seam_cells), return_index=True)[1]]
-        our_cells = one_cell_each[self.of(one_cell_each) == component]
-        boxes = np.stack([super(PeriodicComponents, self).box(each) for each in (cell, *our_cells)])
-        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
-
-
-def _join_across_seams(components: Ints) -> tuple[Ints, Ints]:
-    """Merge components across seams; return components and their replacements.
-
-    ``components``, shape (2, n), belong to the cells on either side of the seams; -1 for none. Return the components
-    that touch a seam, ascending, and the lowest component joined to each.
-    """
-    seam_components, pairs = np.unique(components[:, (components >= 0).all(axis=0)], return_inverse=True)
-    pairs = pairs.reshape(2, -1)
-    graph = scipy.sparse.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(seam_components), len(seam_components)))
-    classes = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    return seam_components, seam_components[np.unique(classes, return_index=True)[1]][classes]
-
-
 class StateComponents:
     """Connected components of one kind of cells.
 

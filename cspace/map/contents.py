@@ -14,7 +14,6 @@ from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
-from cspace.map.periodic import NOT_PERIODIC, Periodic
 from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
 
@@ -52,9 +51,6 @@ class Contents:
         States outside the grid; if None, computed from the robot's rasters when needed.
     proves_blocked : bool or None
         True if BLOCKED is proven; None if unknown, as for a map from a file of an earlier version.
-    periodic_axes : tuple of bool
-        True for periodic axes, which are continuous joints of an arm; empty without such axes. Periodic axes replace
-        ``rotations`` by a :class:`cspace.map.periodic.Periodic`.
     prove : callable or None
         Makes exact proofs of a :class:`cspace.exact.boundaries.Problem` for a map of joints, by the space of the arm.
         It is not stored in files, and the first change of cells drops it.
@@ -76,14 +72,11 @@ class Contents:
     field: Floats | None = None
     exterior: Exterior | None = None
     proves_blocked: bool | None = None
-    periodic_axes: tuple[bool, ...] = ()
     prove: Callable[..., Any] | None = None
     layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
-        """Check the arrays; periodic axes replace the rotations."""
-        if any(self.periodic_axes):
-            object.__setattr__(self, "rotations", Periodic(self.periodic_axes, self.grid.shape))
+        """Check the arrays."""
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
         for name, array, kind in (("states", self.states, np.uint8), ("overlap_counts", self.overlap_counts, np.int32)):
             if array is not None and (array.shape != shape or array.dtype != kind):
@@ -102,11 +95,6 @@ class Contents:
     def grid(self) -> Grid:
         """Grid of positions, which is the workspace's grid."""
         return self.workspace.grid
-
-    @property
-    def periodic(self) -> Periodic:
-        """Periodic axes; false if there are none."""
-        return self.rotations if isinstance(self.rotations, Periodic) else NOT_PERIODIC
 
     @property
     def axes(self) -> tuple[str, ...]:

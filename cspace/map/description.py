@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from itertools import compress
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -177,7 +176,7 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     """Return the metadata of a map in memory.
 
     They extend :func:`describe_map`: ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is
-    proven, 0 if not, and omitted if unknown; ``periodic_axes`` names the periodic axes, if any.
+    proven, 0 if not, and omitted if unknown.
     """
     grid, workspace = contents.grid, contents.workspace
     about = describe_map(
@@ -187,8 +186,6 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     about["precision"] = contents.precision
     if contents.proves_blocked is not None:
         about["inner"] = int(contents.proves_blocked)
-    if any(contents.periodic_axes):
-        about["periodic_axes"] = " ".join(compress(grid.axes, contents.periodic_axes))
     return about
 
 

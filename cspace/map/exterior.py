@@ -14,6 +14,9 @@ from cspace.raster import Raster
 OUTSIDES: Final = ("blocked", "free")
 """Assumptions about the workspace outside its grid."""
 
+FARTHEST_CELL: Final = 2**62
+"""Largest cell of a look-up; a box up to it has no end."""
+
 UNKNOWN: Final = "unknown"
 """Outside a part of a larger map nothing is known, so all cells there are MIXED."""
 

@@ -13,7 +13,7 @@ from cspace.arrays import Floats, Ints
 from cspace.compiling import clock
 from cspace.grid import Grid
 from cspace.rotations import Rotations
-from cspace.rotations.base import METRES_PER_RADIAN, beside, wrapped
+from cspace.rotations.base import METRES_PER_RADIAN, wrapped
 
 Check = Callable[..., bool]
 Cost = Callable[..., float]
@@ -34,27 +34,13 @@ MAX_SHORTENING_SECONDS: Final = 0.1
 """Seconds after the time limit in which a path found in time may still be shortened."""
 
 
-def unwind(cells: Ints, shape: Sequence[int], periodic_axes: Sequence[bool]) -> Ints:
-    """Unwrap chains (n, 1 + d) along periodic axes."""
-    cells = cells.copy()
-    for axis in np.flatnonzero(periodic_axes).tolist():
-        cells[:, 1 + axis] = np.unwrap(cells[:, 1 + axis], period=shape[axis])
-    return cells
-
-
-def waypoints(
-    grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints, periodic_axes: Sequence[bool]
-) -> Floats:
+def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) -> Floats:
     """Return the path through the centers of cells.
 
-    ``endpoints`` has shape (2, size), ``cells`` shape (n, 1 + d). If cells are unwrapped, as by :func:`unwind`,
-    endpoints are shifted by whole turns to match.
+    ``endpoints`` has shape (2, size), ``cells`` shape (n, 1 + d).
     """
     centers = np.column_stack([grid.center_of(cells[:, 1:]), rotations.centers[cells[:, 0]]])
-    path = np.vstack([endpoints[0], centers, endpoints[1]])
-    for axis in np.flatnonzero(periodic_axes).tolist():
-        path[[0, -1], axis] = beside(path[[0, -1], axis], path[[1, -2], axis])
-    return path
+    return np.vstack([endpoints[0], centers, endpoints[1]])
 
 
 def in_time(check: Check, until: float) -> Check:

@@ -113,7 +113,7 @@ class Graph(NamedTuple):
     turns : ndarray of float64, shape (rotations, n)
         Cost of rotating to each neighbor, in cells.
     moves : ndarray of int64, shape (m, 3)
-        Offsets to near cells, shortest first: across sides, edges and corners, and in a plane without periodic axes
+        Offsets to near cells, shortest first: across sides, edges and corners, and in a plane
         also two cells along one axis and one along the other. Earlier moves reach the cells that a move touches.
     reach : tuple of int, length 3
         Largest offset along each axis.
@@ -121,9 +121,6 @@ class Graph(NamedTuple):
         Change of the cell's index, and length in cells, of each move.
     parts : ndarray of int64, shape (m,)
         Bit mask of the moves to the cells that each move touches.
-    periods : tuple of int, length 3
-        Number of cells along each periodic axis, next to each other at the ends; :data:`INFINITE_PERIOD` for other
-        axes.
     factors : CellFactors
         The cost of a move or rotation is its length, times the mean factor of the cells at its ends.
     """
@@ -138,7 +135,6 @@ class Graph(NamedTuple):
     steps: Ints
     lengths: Floats
     parts: Ints
-    periods: Position
     factors: CellFactors = NO_FACTORS
 
     @classmethod
@@ -148,7 +144,6 @@ class Graph(NamedTuple):
         slice_of: Ints,
         neighbors: Ints,
         turns: Floats,
-        periodic_axes: Sequence[bool],
         factors: CellFactors = NO_FACTORS,
     ) -> Graph:
         """Build the graph of a map from its states.
@@ -157,15 +152,12 @@ class Graph(NamedTuple):
         """
         dim = states.ndim - 1
         nx, ny, nz = (1,) * (3 - dim) + tuple(states.shape[1:])
-        # Around a short periodic axis, a move of two cells would be more than half a turn.
-        reach = (1, 1, 1) if dim == 3 else (0, 1, 1) if any(periodic_axes) else (0, 2, 2)
+        reach = (1, 1, 1) if dim == 3 else (0, 2, 2)
         moves, parts = _moves_within(reach)
         steps = (moves * (ny * nz, nz, 1)).sum(axis=1)
-        periodic = (False,) * (3 - dim) + tuple(periodic_axes)
-        i, j, k = (n if wraps else INFINITE_PERIOD for n, wraps in zip((nx, ny, nz), periodic, strict=True))
         cells, lengths = cells_of(states), np.linalg.norm(moves, axis=1)
-        shape, periods = (nx, ny, nz), (i, j, k)
-        return cls(cells, shape, slice_of, neighbors, turns, moves, reach, steps, lengths, parts, periods, factors)
+        shape = nx, ny, nz
+        return cls(cells, shape, slice_of, neighbors, turns, moves, reach, steps, lengths, parts, factors)
 
     def chain(self, start: Ints, goal: Ints, until: float, *, greed: float = 1.0, guides: Sequence[Guide] = ()) -> Ints:
         """Find a short chain of FREE cells.
@@ -519,7 +511,7 @@ class Guides:
         order = np.arange(count)
         neighbors = np.column_stack([order - 1, order + 1]) % count if count > 1 else np.empty((1, 0), dtype=np.int64)
         turns = np.full(neighbors.shape, self._turn / (count * level.block))
-        graph = Graph.of(level.states, order, neighbors, turns, [False] * self._dim, factors)
+        graph = Graph.of(level.states, order, neighbors, turns, factors)
         return Guide(graph, level.group_of, level.block)
 
 
@@ -583,23 +575,13 @@ def _split_index(graph: Graph, cell: int) -> GridCell:
 def _apply_move(graph: Graph, at: GridCell, move: int, sign: int) -> Position:
     """Return the position that a move leads to.
 
-    With ``sign`` -1, return the position that it comes from. Positions wrap around periodic axes; -1 along other axes
-    means that the position is outside the grid.
+    With ``sign`` -1, return the position that it comes from; -1 along all axes means that it is outside the grid.
     """
     (nx, ny, nz), moves = graph.shape, graph.moves
     i, j, k = at[1] + sign * moves[move, 0], at[2] + sign * moves[move, 1], at[3] + sign * moves[move, 2]
     if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
         return i, j, k
-    return _wrap(i, nx, graph.periods[0]), _wrap(j, ny, graph.periods[1]), _wrap(k, nz, graph.periods[2])
-
-
-@kernel
-def _wrap(i: int, count: int, ring: int) -> int:
-    """Wrap an index along a periodic axis.
-
-    ``ring`` is the period, :data:`INFINITE_PERIOD` for other axes. Along these, return -1 beyond the `count` cells.
-    """
-    return i % count if ring == count else i if i < count else -1
+    return -1, -1, -1
 
 
 @kernel
@@ -634,7 +616,6 @@ def _empty_grid_distance(graph: Graph, a: Position, b: Position) -> float:
     The chain is the shortest sequence of moves; its length is in cells.
     """
     i, j, k = abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2])
-    i, j, k = min(i, graph.periods[0] - i), min(j, graph.periods[1] - j), min(k, graph.periods[2] - k)
     # A shortest chain has as many moves across corners as the smallest offset allows, then edges, then sides.
     largest, smallest = max(i, j, k), min(i, j, k)
     between = i + j + k - largest - smallest

@@ -59,13 +59,13 @@ class Undecided:
         geometry proves. The length n is 0 if no chain is found, if all chains left promise no path of at most
         ``max_length``, or if time is over.
         """
-        dim, none = self.grid.dim, endpoints[:0]
+        none = endpoints[:0]
         mixed = self.states == MIXED
         passable = np.where(mixed, FREE, self.states)
         mixed[tuple(cells.T)] = False  # start and goal are free wherever the centers of their cells are
         undecided = mixed.copy()
         rotations, neighbors = np.arange(len(self.rotations)), self.rotations._neighbors
-        graph = Graph.of(passable, rotations, neighbors, self.turn_costs, (False,) * dim)
+        graph = Graph.of(passable, rotations, neighbors, self.turn_costs)
         guides = Guides(passable, rotations, neighbors, self.turn_costs).all()
         while clock() < until:
             try:
@@ -95,7 +95,7 @@ class Undecided:
 
         MIXED cells at the ends are left out.
         """
-        path = waypoints(self.grid, self.rotations, endpoints, chain, (False,) * self.grid.dim)
+        path = waypoints(self.grid, self.rotations, endpoints, chain)
         kept = np.ones(len(path), dtype=np.bool_)
         kept[[1, -2]] = self.states[tuple(chain[[0, -1]].T)] == FREE
         return path[kept]

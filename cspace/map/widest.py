@@ -20,15 +20,14 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import FREE, Bools, Bytes, Floats, Ints
+from cspace.arrays import FREE, Bytes, Floats, Ints
 from cspace.compiling import always_inline, jit, kernel
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.clearance import Squares, range_outside
 from cspace.map.components import Components
 from cspace.map.derived import Lock
-from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
-from cspace.map.periodic import below_half_a_turn
+from cspace.map.paths import in_time, pulled_straight, waypoints
 from cspace.map.search import Graph, Guide, Levels, check_deadline, turn_costs
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
@@ -58,8 +57,6 @@ MIN_LINES_PER_THREAD: Final = 64
 MAX_CACHED_LEVELS: Final = 8
 """Number of levels whose components are cached, at 1.1 bytes per cell of a slice."""
 
-NO_PERIODIC_AXES: Final = np.zeros(3, dtype=np.bool_)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Widest:
@@ -75,8 +72,6 @@ class Widest:
         Rotation cells.
     turns : ndarray of float64, shape (rotations, n)
         Cost of rotating to each neighbor, in cells.
-    periodic_axes : sequence of bool
-        True for each periodic axis.
     outside : ndarray of int32, shape (slices, sides, 3, 2)
         Result of :func:`find_outside_ranges`.
     cached : dict of int to Components
@@ -89,25 +84,24 @@ class Widest:
     slice_of: Ints
     rotations: Rotations
     turns: Floats
-    periodic_axes: Sequence[bool]
     outside: Squares
     dirty_boxes: list[Ints] = field(default_factory=list)
     cached: dict[int, Components] = field(default_factory=dict)
     lock: Lock = field(default_factory=Lock)
 
     @classmethod
-    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, periodic_axes: Sequence[bool]) -> Widest:
+    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Widest:
         """Compute the levels of a map from its states."""
-        levels, periodic = np.empty(map_.states.shape, dtype=np.uint16), _three_axes(periodic_axes)
-        layered, outside = _with_three_axes(levels), find_outside_ranges(map_, periodic)
+        levels = np.empty(map_.states.shape, dtype=np.uint16)
+        layered, outside = _with_three_axes(levels), find_outside_ranges(map_)
 
         def fill(item: tuple[int, Bytes]) -> None:
             s, state = item
-            layered[s] = compute_levels(state.reshape(layered.shape[1:]), outside[s], periodic)
+            layered[s] = compute_levels(state.reshape(layered.shape[1:]), outside[s])
 
         in_threads(fill, list(enumerate(states)), cores())
         costs = turn_costs(rotations, levels.ndim - 1, map_.spacing)
-        return cls(levels, map_.slice_of, rotations, costs, periodic_axes, outside)
+        return cls(levels, map_.slice_of, rotations, costs, outside)
 
     def refresh(self, boxes: Ints) -> None:
         """Record boxes of changed states, shape (slices, 6)."""
@@ -120,17 +114,14 @@ class Widest:
         """
         if not self.dirty_boxes:
             return self
-        levels, periodic, dirty = self.levels.copy(), _three_axes(self.periodic_axes), np.array(self.dirty_boxes)
-        layered, outside = _with_three_axes(levels), find_outside_ranges(map_, periodic)
+        levels, dirty = self.levels.copy(), np.array(self.dirty_boxes)
+        layered, outside = _with_three_axes(levels), find_outside_ranges(map_)
         boxes = np.concatenate([dirty[..., :3].min(axis=0), dirty[..., 3:].max(axis=0)], axis=1)
         boxes[(outside != self.outside).any(axis=(1, 2, 3))] = 0, 0, 0, *(n - 1 for n in layered.shape[1:])
 
         def refresh_slice(s: int) -> None:
             state = states[s].reshape(layered.shape[1:])
-            if periodic.any():
-                layered[s] = compute_levels(state, outside[s], periodic)
-            else:
-                refresh_levels(layered[s], state, boxes[s], outside[s])
+            refresh_levels(layered[s], state, boxes[s], outside[s])
 
         in_threads(refresh_slice, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
         return replace(self, levels=levels, outside=outside, dirty_boxes=[], cached={})
@@ -157,8 +148,8 @@ class Widest:
             candidates = [(other, *position) for other in self.rotations._neighbors[rotation].tolist() if other >= 0]
             for axis, step in product(range(len(shape)), (-1, 1)):
                 coordinate = position[axis] + step
-                if self.periodic_axes[axis] or 0 <= coordinate < shape[axis]:
-                    candidates.append((rotation, *position[:axis], coordinate % shape[axis], *position[axis + 1 :]))
+                if 0 <= coordinate < shape[axis]:
+                    candidates.append((rotation, *position[:axis], coordinate, *position[axis + 1 :]))
             best = max([path[-1], *candidates], key=lambda each: (self.level(each), each))
             if best == path[-1]:
                 return np.array(path)
@@ -195,10 +186,10 @@ class Widest:
         The result has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
         states, guides = self.states(min_level), []
-        graph = Graph.of(states, self.slice_of, self.rotations._neighbors, self.turns, self.periodic_axes)
+        graph = Graph.of(states, self.slice_of, self.rotations._neighbors, self.turns)
         if len(self.slice_of) > 1:
             no_rotations = np.zeros(1, dtype=np.int64), self.rotations._neighbors[:1, :0], self.turns[:1, :0]
-            positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations, self.periodic_axes)
+            positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations)
             guides.append(Guide(positions, np.zeros_like(self.slice_of), 1))
         return graph.chain(start, goal, until, guides=guides)
 
@@ -212,43 +203,28 @@ def _with_three_axes(levels: Levels) -> Levels:
     return levels.reshape(slices, *[1] * (3 - len(shape)), *shape)
 
 
-def _three_axes(periodic_axes: Sequence[bool]) -> Bools:
-    """Return which of three axes are periodic.
-
-    A plane has no x.
-    """
-    return np.array([*[False] * (3 - len(periodic_axes)), *periodic_axes])
-
-
-def compute_levels(state: Bytes, outside: Squares, periodic: Bools) -> Levels:
+def compute_levels(state: Bytes, outside: Squares) -> Levels:
     """Compute the levels of cells, shape (nx, ny, nz).
 
-    ``outside`` has the ranges of one slice. ``periodic``, shape (3,), is True for each periodic axis. Cells outside
-    the grid count last, because their distances are simple.
+    ``outside`` has the ranges of one slice. Cells outside the grid count last, because their distances are simple.
     """
-    # Along a periodic axis, the nearest cell is at most half a period away.
-    padding = np.where(periodic, np.array(state.shape) // 2 + 1, 0)
-    padded = np.pad(state, np.column_stack([padding, padding]), "wrap") if periodic.any() else state
-    squares, (nx, ny, nz) = np.empty(padded.shape, dtype=np.int32), padded.shape
-    write_rows = partial(write_row_squares, padded.reshape(-1, nz), squares.reshape(-1, nz))
+    squares, (nx, ny, nz) = np.empty(state.shape, dtype=np.int32), state.shape
+    write_rows = partial(write_row_squares, state.reshape(-1, nz), squares.reshape(-1, nz))
     in_chunks(write_rows, nx * ny, MIN_LINES_PER_THREAD)
     in_chunks(partial(extend_squares, squares), nx * nz, MIN_LINES_PER_THREAD)
     if nx > 1:
         in_chunks(partial(extend_squares, squares.reshape(1, nx, ny * nz)), ny * nz, MIN_LINES_PER_THREAD)
-    center = tuple(slice(width, width + n) for width, n in zip(padding.tolist(), state.shape, strict=True))
-    squares = np.ascontiguousarray(squares[center])
     in_chunks(partial(lower_squares, squares, outside), state[..., 0].size, MIN_LINES_PER_THREAD)
     return np.minimum(LEVELS_PER_CELL / 2 * np.sqrt(squares, dtype=np.float32), MAX_LEVEL).astype(np.uint16)
 
 
-def find_outside_ranges(map_: Map, periodic: Bools) -> Squares:
+def find_outside_ranges(map_: Map) -> Squares:
     """Return the boxes of non-FREE cells beyond each side of the grid.
 
     The result has the first half cell along three axes, and the one after the last, shape (slices, sides, 3, 2).
-    Nothing is beyond a periodic side.
     """
     ranges = np.empty((len(map_.exterior), 2 * len(map_.lower), 3, 2), dtype=np.int32)
-    write_outside_ranges(map_.exterior, map_.states.shape, periodic, ranges)
+    write_outside_ranges(map_.exterior, map_.states.shape, ranges)
     return ranges
 
 
@@ -264,10 +240,10 @@ def refresh_levels(levels: Levels, state: Bytes, box: Ints, outside: Squares) ->
     first, stop = np.maximum(low - reach, 0), np.minimum(high + reach, shape)
     window = np.ascontiguousarray(state[tuple(map(slice, first, stop))])
     # Cells around the window count as FREE, but those outside the grid as what they are.
-    fresh = compute_levels(window, outside - np.int32(2) * first[:, np.newaxis].astype(np.int32), NO_PERIODIC_AXES)
+    fresh = compute_levels(window, outside - np.int32(2) * first[:, np.newaxis].astype(np.int32))
     inner = tuple(map(slice, low - first, high - first))
     if highest == MAX_LEVEL or fresh[inner].max() >= LEVELS_PER_CELL * reach:  # cells outside the window may be nearer
-        levels[...] = compute_levels(np.ascontiguousarray(state), outside, NO_PERIODIC_AXES)
+        levels[...] = compute_levels(np.ascontiguousarray(state), outside)
     else:
         levels[tuple(map(slice, low, high))] = fresh[inner]
 
@@ -281,19 +257,18 @@ def refresh_levels(levels: Levels, state: Bytes, box: Ints, outside: Squares) ->
 
 
 @kernel
-def write_outside_ranges(exterior: Ints, shape: tuple[int, ...], periodic: Bools, ranges: Squares) -> None:
+def write_outside_ranges(exterior: Ints, shape: tuple[int, ...], ranges: Squares) -> None:
     """Write the ranges of :func:`find_outside_ranges`."""
     dim = len(shape) - 1
     for s in range(len(exterior)):
         for side in range(2 * dim):
-            empty = periodic[3 - dim + side // 2]
+            empty = False
             ranges[s, side, :, 0], ranges[s, side, :, 1] = -FAR_HALF_CELLS, FAR_HALF_CELLS
             for axis in range(dim):
                 low, high = range_outside(exterior, shape, s, side, axis)
                 empty |= low >= high
-                if not periodic[3 - dim + axis]:
-                    ranges[s, side, 3 - dim + axis, 0] = np.int64(max(2.0 * low, -float(FAR_HALF_CELLS)))
-                    ranges[s, side, 3 - dim + axis, 1] = np.int64(min(2.0 * high, float(FAR_HALF_CELLS)))
+                ranges[s, side, 3 - dim + axis, 0] = np.int64(max(2.0 * low, -float(FAR_HALF_CELLS)))
+                ranges[s, side, 3 - dim + axis, 1] = np.int64(min(2.0 * high, float(FAR_HALF_CELLS)))
             if empty:
                 ranges[s, side, :, 0], ranges[s, side, :, 1] = FAR_HALF_CELLS, -FAR_HALF_CELLS
 
@@ -419,8 +394,8 @@ def find_widest_path(
     """Return waypoints of the widest path between two configurations.
 
     ``endpoints`` are the configurations, shape (2, size), and their cells, shape (2, 1 + d). The result has length 0 if
-    no path exists. If not ``straight``, waypoints are the centers of the cells passed. Values of periodic axes are
-    unwrapped. Raises TimeoutError after ``until``.
+    no path exists. If not ``straight``, waypoints are the centers of the cells passed. Raises TimeoutError
+    after ``until``.
     """
     rotations, q, cells_of_q = widest.rotations, widest.rotations._make_canonical(endpoints[0]), endpoints[1]
     climbs = [widest.climb(cell) for cell in cells_of_q]
@@ -429,8 +404,8 @@ def find_widest_path(
         return np.empty((0, q.shape[1]))
     ascent, descent = (climb[[widest.level(cell) < level for cell in climb]] for climb in climbs)
     chain = widest.shortest(climbs[0][len(ascent)], climbs[1][len(descent)], level, until)
-    cells = unwind(np.concatenate([ascent, chain, descent[::-1]]), grid.shape, widest.periodic_axes)
-    path = waypoints(grid, rotations, q, cells, widest.periodic_axes)
+    cells = np.concatenate([ascent, chain, descent[::-1]])
+    path = waypoints(grid, rotations, q, cells)
     if not straight:
         return path
     # Each of the three parts is shortened within cells at least as wide as its own narrowest cell.
@@ -440,7 +415,7 @@ def find_widest_path(
     for begin, end, min_level in ((0, first, low), (first, last, level), (last, len(path) - 1, high)):
         if begin < end:
             wide_map = _cut_wide_map(widest, map_, cells[max(begin - 1, 0) : end, 1:], min_level)
-            is_free = in_time(below_half_a_turn(edge_checker(wide_map, path.shape[1]), widest.periodic_axes), until)
+            is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
             pieces.append(pulled_straight(path[begin : end + 1], rotations, is_free)[1:])
     return np.concatenate(pieces)
 
@@ -451,12 +426,8 @@ def _cut_wide_map(widest: Widest, map_: Map, positions: Ints, min_level: int) ->
     Cells of ``min_level`` or above are FREE.
     """
     levels, first, stop = widest.levels, positions.min(axis=0) - 1, positions.max(axis=0) + 2
-    for axis, periodic in enumerate(widest.periodic_axes):
-        if periodic:
-            levels = levels.take(np.arange(first[axis], stop[axis]), axis=axis + 1, mode="wrap")
-        else:
-            first[axis], stop[axis] = max(first[axis], 0), min(stop[axis], levels.shape[axis + 1])
-            levels = np.moveaxis(np.moveaxis(levels, axis + 1, 0)[first[axis] : stop[axis]], 0, axis + 1)
+    first, stop = np.maximum(first, 0), np.minimum(stop, levels.shape[1:])
+    levels = levels[(slice(None), *map(slice, first, stop))]
     states = read_only((levels < min_level).view(np.uint8))
     lower, upper = (tuple((map_.lower + map_.spacing * cell).tolist()) for cell in (first, stop))
     return map_._replace(states=states, cells=states.reshape(-1), lower=lower, upper=upper)

@@ -88,9 +88,9 @@ class TiledCSpace(ConfigurationMap):
     def _holds(store: Store) -> bool:
         """Return True unless tiles exclude the map.
 
-        These are maps with periodic axes, overlap counts or an overlap field.
+        These are maps with overlap counts or an overlap field.
         """
-        return "periodic_axes" not in store.metadata and not store.names.intersection(UNTILED)
+        return not store.names.intersection(UNTILED)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
@@ -105,10 +105,9 @@ class TiledCSpace(ConfigurationMap):
         file is missing or damaged.
         """
         if not cls._holds(store):
-            content = "periodic axes" if "periodic_axes" in store.metadata else "overlap counts or an overlap field"
             raise ConfigurationError(
                 "in_memory",
-                f"is False, but {store.path} has {content}",
+                f"is False, but {store.path} has overlap counts or an overlap field",
                 "only a map in memory supports them",
                 "open it with in_memory=True",
             )

@@ -261,9 +261,8 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) ->
     )
     wall = {"table": posed_box((1.0, 1.0, 0.2), 1.0, 0.0, -0.5)}
     space = build_arm_space(wall, Arm.from_urdf(path))
-    assert build_joint_map(space, 0.05).periodic_axes == (True, False)
+    assert build_joint_map(space, 0.05).grid.lower == (-np.pi, 0.0)
     joint_map = build_joint_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
-    assert joint_map.periodic_axes == (False, False)
     assert joint_map.grid.units == ("rad", "m")
     assert joint_map.grid.shape == (120, 9)
     assert (joint_map.cell_states[:, -1] != FREE).all()
@@ -273,7 +272,7 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) ->
     assert joint_map.grid.unit == "rad or m"
 
 
-def build_periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
+def build_turning_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
     """Build two bars on a continuous shoulder among posts."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = write_urdf(
@@ -289,9 +288,9 @@ def build_periodic_arm(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
 
 @pytest.mark.parametrize("circle", [True, False])
 def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
-    """Include the seam, copies, plans and changed cells."""
+    """Include turns beyond the map, copies, plans and changed cells."""
     posts, rng = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4)), np.random.default_rng(6)
-    space = build_periodic_arm(tmp_path, posts) if circle else build_plane_arm(tmp_path, posts=posts)
+    space = build_turning_arm(tmp_path, posts) if circle else build_plane_arm(tmp_path, posts=posts)
     joint_map = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
     q = rng.uniform(low, high, (300, 2))
@@ -306,10 +305,9 @@ def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
     assert meets_posts(q, posts).tolist() == (~free).tolist()
     mixed = free & (joint_map.classify(q) == MIXED)
     assert mixed.sum() > 30
-    outside = (-1.5, 2.1)  # in the last cell, but beyond the limits
-    assert (
-        space.is_free(outside) and joint_map.classify(outside) == MIXED and not joint_map.is_free(outside, exact=True)
-    )
+    beyond_map, beyond_joint = (1.5, 2.5), (1.5, 3.1)
+    assert joint_map.classify(beyond_map) == MIXED and joint_map.is_free(beyond_map, exact=True)
+    assert joint_map.classify(beyond_joint) == MIXED and not joint_map.is_free(beyond_joint, exact=True)
     plans = [planners.plan(joint_map, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
     assert any(plan.certified for plan in plans)
     assert all(plan.certified or plan.is_disconnected for plan in plans)
@@ -322,32 +320,48 @@ def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
     assert not (joint_map.is_free(q, exact=True) & ~free).any()
 
 
-def test_paths_cross_the_seam(tmp_path: Path) -> None:
-    """Stop the bar on the right, but not at the seam."""
-    space = build_periodic_arm(tmp_path, ((0.7, 0.0, 0.3),))
-    joint_map = build_joint_map(space, 0.05)
-    assert joint_map.grid.spacing == pytest.approx(2.0 * np.pi / 126)
+POST: Any = ((0.7, 0.0, 0.3),)
+"""A post on the right, which stops the bar at an angle of zero but not of pi."""
+
+
+@pytest.mark.parametrize(
+    "limits", [None, {"shoulder": (-2.0, 2.0)}, {"shoulder": (-3.0, 9.0)}, {"shoulder": (-9.0, 3.0)}]
+)
+def test_a_way_around_a_continuous_joint_is_undecided(tmp_path: Path, limits: Any) -> None:
+    """The arm can turn past the ends of the map, so that no map that ends there excludes a path."""
+    space = build_turning_arm(tmp_path, POST)
+    joint_map = build_joint_map(space, 0.05, limits=limits)
     left, right = (-1.0, 0.3), (1.0, -0.3)
-    assert joint_map.is_connected(left, right)
-    assert build_joint_map(space, 0.05, limits={"shoulder": (-np.pi, np.pi)}).is_disconnected(left, right)
-    for path in (joint_map.find_path(left, right), planners.plan(joint_map, left, right, seed=1).path):
-        assert path[-1] == pytest.approx((1.0 - 2.0 * np.pi, -0.3))
-        assert joint_map.certify_path(path).all()
-        assert np.all(space.certify_path(path))
-        assert not meets_posts(path, ((0.7, 0.0, 0.3),)).any()
-    with_wall = build_joint_map(build_periodic_arm(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
-    assert with_wall.is_disconnected(left, right)
+    assert not joint_map.is_connected(left, right)
+    assert not joint_map.is_disconnected(left, right)
+    low, high = (limits or {"shoulder": (-np.pi, np.pi)})["shoulder"]
+    outside = np.array([(low - 1.0, 0.3), (high + 1.0, 0.3), (-1e9, 0.3), (1e9, 0.3)])
+    assert (joint_map.classify(outside) == MIXED).all()
+    assert joint_map.classify([(0.5, -3.5), (0.5, 3.5)]).tolist() == [BLOCKED, BLOCKED]
 
 
-@pytest.mark.parametrize("cells", [75, 76])
-def test_last_cell_contains_the_last_angle(tmp_path: Path, cells: int) -> None:
-    """Include 75 cells, whose rounded sum is below a turn."""
-    joint_map = build_joint_map(build_periodic_arm(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
-    last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
-    assert joint_map.grid.shape[0] == cells
-    assert joint_map.is_connected(last, other)
-    assert len(joint_map.find_path(last, other)) > 0
-    assert planners.plan(joint_map, last, other).certified
+def test_only_the_mapped_part_of_a_range_leaves_a_way_around(tmp_path: Path) -> None:
+    """A joint cannot go beyond its own limits."""
+    space = build_plane_arm(tmp_path, posts=POST)
+    left, right = (-1.0, 0.3), (1.0, -0.3)
+    assert build_joint_map(space, 0.05).is_disconnected(left, right)
+    assert not build_joint_map(space, 0.05, limits={"shoulder": (-2.0, 2.0)}).is_disconnected(left, right)
+
+
+def test_certified_trajectories_of_continuous_joints_meet_no_obstacle(tmp_path: Path) -> None:
+    """Sample them densely: a trajectory moves straight between the rows of its path."""
+    joint_map = build_joint_map(build_turning_arm(tmp_path, POST), 0.05)
+    starts = np.array([(2.9, 0.3), (3.1, -1.0), (-2.9, 1.0)])
+    goals = np.array([(-2.9, 0.3), (1.0, 1.2), (-0.9, -1.0)])
+    certified = 0
+    for start, goal in zip(starts, goals, strict=True):
+        plan = planners.plan(joint_map, start, goal, exact=True, time_limit=2.0, seed=1)
+        if plan.certified:
+            certified += 1
+            moved = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
+            samples = moved.sample(np.linspace(0.0, moved.duration, 400))[0]
+            assert not meets_posts(samples, POST).any()
+    assert certified >= 2
 
 
 @settings(max_examples=3)
@@ -361,30 +375,22 @@ def test_joint_maps_agree_with_shapely(
     rng = np.random.default_rng(seed)
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
     posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
-    space = build_periodic_arm(tmp_path_factory.mktemp("arm"), posts, **elbow)
+    space = build_turning_arm(tmp_path_factory.mktemp("arm"), posts, **elbow)
     joint_map = build_joint_map(space, 0.12)
-    circles, states = joint_map.periodic_axes, np.asarray(joint_map.cell_states)
+    states = np.asarray(joint_map.cell_states)
     for state, collides in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
-        near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="wrap")[:, j] != state).any() for k, j in cells])
+        near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="clip")[:, j] != state).any() for k, j in cells])
         sample = rng.permutation(cells[near])[:40]
         points = joint_map.grid.lower + joint_map.grid.spacing * (sample + rng.integers(0, 2, sample.shape))
-        points = points + 2.0 * np.pi * rng.integers(-2, 3, points.shape) * circles
         assert not (meets_posts(points, posts) == collides).any()
     q = np.stack(np.meshgrid(*(joint_map.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(
         -1, 2
     )
     for max_state, answer in ((FREE, True), (MIXED, False)):
-        # Join components that meet across the seam.
-        parts, _ = label(states <= max_state)
-        while True:
-            before = parts.copy()
-            for axis in np.flatnonzero(circles):
-                one, other = np.take(parts, 0, axis), np.take(parts, -1, axis)
-                for a, b in np.unique(np.stack([one, other], axis=1)[(one > 0) & (other > 0)], axis=0):
-                    parts[parts == max(a, b)] = min(a, b)
-            if (parts == before).all():
-                break
+        # Whatever is not BLOCKED at the rim may be joined around a continuous joint.
+        open_cells = np.pad(states <= max_state, 1, constant_values=max_state == MIXED)
+        parts = label(open_cells)[0][1:-1, 1:-1]
         parts, pairs = parts.reshape(-1), rng.integers(0, len(q), (300, 2))
         pairs = pairs[(states.reshape(-1)[pairs] == FREE).all(axis=1)]
         same = (parts[pairs[:, 0]] == parts[pairs[:, 1]]) & (parts[pairs[:, 0]] > 0)
@@ -409,7 +415,7 @@ def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
         )
         space = build_arm_space({}, Arm.from_urdf(path))
         if good:
-            assert build_joint_map(space, 0.5).periodic_axes == (True, False)
+            assert build_joint_map(space, 0.5).grid.lower[0] == -np.pi
         else:
             with pytest.raises(InputError, match=r"limits are missing for 'one'.*other joints by another angle"):
                 build_joint_map(space, 0.5)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import Robot, Rotations, Workspace
-from tests.handmade import make_joint_map
 
 CAR = Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
 CRATE = Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
@@ -23,12 +22,7 @@ MAP_INPUTS: dict[str, tuple[tuple[int, ...], Robot, Any]] = {
 }
 """Shape of the workspace, robot and rotation cells in each space."""
 
-PERIODIC = {"joints": (True, False), "joints in space": (True, True, False)}
-"""Periodic axes of each joint map."""
-
-RIGID_KINDS = [(space, storage) for storage in ("memory", "packed", "tiled", "saved") for space in MAP_INPUTS]
-PERIODIC_KINDS = [(space, storage) for storage in ("memory", "saved") for space in PERIODIC]
-ALL_KINDS = RIGID_KINDS + PERIODIC_KINDS
+ALL_KINDS = [(space, storage) for storage in ("memory", "packed", "tiled", "saved") for space in MAP_INPUTS]
 """Kinds of maps: space and storage."""
 
 
@@ -42,8 +36,6 @@ class AnyMap(NamedTuple):
         The same map in memory, one byte a cell.
     states : ndarray of uint8, shape (rotations, nx, ny(, nz))
         The state of each cell of ``memory``.
-    periodic : tuple of bool
-        Whether each axis of the grid is periodic.
     occupied : ndarray of bool, shape (nx, ny(, nz))
         The obstacle cells.
     rebuild : callable
@@ -53,7 +45,6 @@ class AnyMap(NamedTuple):
     space: Any
     memory: cspace.CSpace
     states: NDArray[np.uint8]
-    periodic: tuple[bool, ...]
     occupied: NDArray[np.bool_]
     rebuild: Callable[[NDArray[np.bool_]], cspace.CSpace]
 
@@ -63,16 +54,11 @@ class AnyMap(NamedTuple):
         cells = np.column_stack([rng.integers(0, size, n) for size in self.states.shape])
         inside = rng.uniform(0.02, 0.98, (n, grid.dim))
         q = np.array(grid.lower) + grid.spacing * (cells[:, 1:] + inside)
-        q += 2.0 * np.pi * rng.integers(-2, 3, q.shape) * np.array(self.periodic)
         return (np.hstack([q, centers[cells[:, 0]]]) if centers.size else q), cells
 
 
 def random_obstacles(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.bool_]:
     return rng.random(shape) < (0.02 if len(shape) == 2 else 0.01)
-
-
-def refuse_rebuild(occupied: NDArray[np.bool_]) -> cspace.CSpace:
-    raise NotImplementedError("joint maps are not built from obstacle cells")
 
 
 def reopen(space: Any, path: Path) -> Any:
@@ -107,15 +93,4 @@ def build_map(space: str, storage: str, outside: str, seed: int, folder: Path, t
         made = rebuild(occupied, store=folder / "tiled.zarr", tile=7)
     elif storage == "saved":
         made = reopen(plain, folder / "saved.zarr")
-    return AnyMap(made, plain, states, (False,) * len(shape), occupied, rebuild)
-
-
-def build_periodic_map(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
-    """Build a joint map of random states with periodic axes."""
-    rng, count, periodic = np.random.default_rng(seed), 12, PERIODIC[space]
-    shape = tuple(count if axis else 5 for axis in periodic)
-    states = rng.choice(np.array([0, 0, 0, 1, 2], dtype=np.uint8), shape)
-    made = memory = make_joint_map(states, periodic, count)
-    if storage == "saved":
-        made = reopen(made, folder / "periodic.zarr")
-    return AnyMap(made, memory, states[np.newaxis], periodic, memory.workspace.outer, refuse_rebuild)
+    return AnyMap(made, plain, states, occupied, rebuild)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.sparse.csgraph import connected_components
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED
@@ -17,16 +16,12 @@ from tests.handmade import components
 from tests.laws.any_map import (
     ALL_KINDS,
     MAP_INPUTS,
-    PERIODIC,
-    RIGID_KINDS,
     AnyMap,
     build_map,
-    build_periodic_map,
     random_obstacles,
     reopen,
 )
 from tests.maps import proven_paths
-from tests.oracles import link_cells, to_graph
 from tests.placements import draw_configurations
 
 EXTERIORS = ("blocked", "free")
@@ -43,16 +38,11 @@ BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
 }
 """Queries of configurations: their number of configurations and further arguments."""
 
-NOT_ON_JOINT_MAPS = ("overlap_count", "contains_robot")
-"""Queries that need obstacles in metres."""
-
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] != "tiled"]
 
 
 def build_kind(kind: tuple[str, str], folder: Path) -> AnyMap:
     space, storage = kind
-    if space in PERIODIC:
-        return build_periodic_map(space, storage, 5, folder)
     return build_map(space, storage, EXTERIORS[len(space) % 2], 5, folder)
 
 
@@ -65,7 +55,7 @@ def any_map(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 def queries_of(any_map: AnyMap) -> Iterator[tuple[str, int, tuple[float, ...]]]:
     """Yield the queries of a map: name, number of configurations, further arguments."""
     for name, (count, options) in BATCH_QUERIES.items():
-        if hasattr(type(any_map.space), name) and not (any(any_map.periodic) and name in NOT_ON_JOINT_MAPS):
+        if hasattr(type(any_map.space), name):
             yield name, count, options
 
 
@@ -81,9 +71,6 @@ def draw_near(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
 def labels(any_map: AnyMap, worst: int) -> Any:
     """Label the components of cells whose state is at most ``worst``, by scipy."""
     cells = any_map.states <= worst
-    if any(any_map.periodic):
-        graph = to_graph(link_cells(cells[0], any_map.periodic, corners=False), cells.size)
-        return np.where(cells, connected_components(graph, directed=False)[1].reshape(cells.shape), -1)
     return components(cells, "any way" if len(any_map.space.rotations.names) == 4 else "")
 
 
@@ -125,7 +112,7 @@ def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
             assert blocked or passable[one] != passable[other]
 
 
-@pytest.mark.parametrize("any_map", RIGID_KINDS, indirect=True, ids="-".join)
+@pytest.mark.parametrize("any_map", ALL_KINDS, indirect=True, ids="-".join)
 def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map: AnyMap) -> None:
     q, cells = any_map.draw(np.random.default_rng(3), 60)
     grid = any_map.space.grid
@@ -138,7 +125,7 @@ def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map:
         assert distance <= nearest + 1e-9
 
 
-@pytest.mark.parametrize("kind", RIGID_KINDS, ids="-".join)
+@pytest.mark.parametrize("kind", ALL_KINDS, ids="-".join)
 def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Path) -> None:
     obstacle_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
     space, shape = obstacle_map.space, obstacle_map.states.shape[1:]
@@ -266,9 +253,8 @@ def test_paths_found_by_the_map_are_certified(any_map: AnyMap) -> None:
                 found += 1
                 assert space.certify_path(path).all()
                 np.testing.assert_allclose(path[0], start, atol=1e-9)
-                if not any(space.periodic_axes):
-                    metres = np.linalg.norm(np.diff(path[:, : space.grid.dim], axis=0), axis=1).sum()
-                    assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
+                metres = np.linalg.norm(np.diff(path[:, : space.grid.dim], axis=0), axis=1).sum()
+                assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
         lower, upper = space.reachable_bounds(start)
         dim = space.grid.dim
         assert (lower <= start[:dim] + 1e-9).all() and (start[:dim] <= upper + 1e-9).all()
@@ -281,7 +267,7 @@ def test_the_nearest_free_configuration_is_free(any_map: AnyMap) -> None:
         assert any_map.space.is_free(any_map.space.nearest_free(configuration))
 
 
-@pytest.mark.parametrize("any_map", [kind for kind in RIGID_KINDS if kind in IN_MEMORY], indirect=True, ids="-".join)
+@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
 def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map: AnyMap) -> None:
     space: Any = any_map.space
     q = space.sample_free(12, np.random.default_rng(14))

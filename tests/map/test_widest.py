@@ -39,9 +39,7 @@ def draw_map(name: str, rng: np.random.Generator) -> CSpace:
 
 def make_widest(space: CSpace) -> widest.Widest:
     """Return the clearance levels of a map."""
-    return widest.Widest.of(
-        space._kernel_map, space._kernel_map.states, space.rotations, space.periodic_axes[: space.grid.dim]
-    )
+    return widest.Widest.of(space._kernel_map, space._kernel_map.states, space.rotations)
 
 
 def list_cell_centers(space: CSpace) -> np.ndarray:
@@ -202,7 +200,7 @@ def test_levels_are_distances_to_cells_that_are_not_free(
     space = build_from_states(state)
     table = np.array([[*np.repeat([0, -1], len(shape)), FREE if exterior_open else MIXED]])
     map_ = space._kernel_map._replace(exterior=table)
-    levels = widest.Widest.of(map_, map_.states, space.rotations, space.periodic_axes).levels.reshape(shape)
+    levels = widest.Widest.of(map_, map_.states, space.rotations).levels.reshape(shape)
     taken = np.argwhere(state != FREE)
     if not exterior_open:
         rim = np.argwhere(np.pad(np.zeros(shape, dtype=bool), 1, constant_values=True)) - 1
@@ -312,7 +310,7 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
         lower = rng.integers(0, np.array(cells.shape) - size + 1)
         space.update(rng.random(size) < 0.5 * (step % 3), lower)
         if step % 2:
-            levels = fresh(space._kernel_map, states, space.rotations, levels_map.periodic_axes).levels
+            levels = fresh(space._kernel_map, states, space.rotations).levels
             assert np.array_equal(levels_map.updated(space._kernel_map, states).levels, levels)
 
 
