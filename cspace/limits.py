@@ -30,9 +30,6 @@ MESH_CELL_BYTES: Final = 8
 TRANSFORM_BYTES: Final = 2**27
 """Memory for the transforms of a build with a robot at most a hundred cells across, whatever the size of the map."""
 
-COMPONENT_STATE_BYTES: Final = 0.1
-"""Memory for each state while components are labelled: measured, 0.06; more if FREE and other cells alternate."""
-
 SLICE_BYTES: Final = 2_500
 """Memory for each slice of a rotating robot beside the cells of its rasters. Measured: 1,900 to 2,500."""
 

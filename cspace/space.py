@@ -19,7 +19,7 @@ from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
-from cspace.limits import COMPONENT_STATE_BYTES, check_memory
+from cspace.limits import check_memory
 from cspace.map.batches import (
     Configuration,
     ConfigurationBatch,
@@ -969,7 +969,8 @@ class CSpace(ConfigurationMap, MapExport):
         CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
         if change.changed:
             CSpace._free_cells.drop(self)
-            for part in (CSpace._mip, CSpace._clearance_levels, CSpace._inflation, CSpace._components, CSpace._guides):
+            CSpace._components.drop(self)
+            for part in (CSpace._mip, CSpace._clearance_levels, CSpace._inflation, CSpace._guides):
                 part.refresh(self, change.states)
         CSpace._exact.refresh(self, self._problem)
 
@@ -1086,8 +1087,6 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _components(self) -> Components:
         """Connected components of the map."""
-        needed, fewer = COMPONENT_STATE_BYTES * self._seen.size, self.rotations._argument_for_fewer
-        check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
         return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 
     def _components_of(self, states: Stack, exterior_open: Bools) -> Components:
@@ -1097,11 +1096,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.components import Components
 
-        return Components(states, self._slice_of, self.rotations._neighbors, exterior_open)
-
-    def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
-        """Guess whether two cells are disconnected; see the base class."""
-        return self._components.hint(cells)
+        return Components(np.asarray(states), self._slice_of, self.rotations._neighbors, exterior_open)
 
     @property
     def _live_marks(self) -> OccupancyBits:

@@ -17,7 +17,6 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace, update
 from cspace.engines.slices import Correlation
 from cspace.export import images
-from cspace.map.components import Components
 from tests.handmade import fill_boxes, map_in
 from tests.maps import proven_paths
 from tests.refusals import refusals
@@ -270,8 +269,6 @@ def test_update_accepts_cells_of_any_type() -> None:
     [
         ("overlaps.Sums", None),
         ("mip.OccupancyPyramid", None),
-        ("components.Components", None),
-        ("components.Components", 4),
         ("mip.OccupancyPyramid", 4),
     ],
 )
@@ -392,26 +389,3 @@ def test_a_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyP
     space.export(tmp_path / name)
     changing.join()
     assert (space.cell_states != FREE).sum() > (build_empty_room().cell_states != FREE).sum()
-
-
-def test_paths_match_the_map_before_or_after_an_update(monkeypatch: pytest.MonkeyPatch) -> None:
-    # One cell becomes FREE, apart from the others, in a block that had one component.
-    space = cspace.build(Workspace.from_array(fill_boxes((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
-    pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
-    asking = threading.Thread(target=lambda: answers.append(space.is_disconnected(pocket, corner)))
-    assert space.is_disconnected(pocket, corner)
-    assert space.is_connected(corner, (0.5, 0.5))
-    refresh = Components.refresh
-
-    def in_the_midst(self: Components, boxes: np.ndarray) -> None:
-        asking.start()
-        asking.join(0.2)
-        refresh(self, boxes)
-
-    monkeypatch.setattr(Components, "refresh", in_the_midst)
-    ring = np.ones((10, 10), dtype=bool)
-    ring[3:8, 3:8] = False
-    space.update(ring, (10, 10))
-    asking.join()
-    assert space.is_free(pocket)
-    assert answers == [space.is_disconnected(pocket, corner)] == [True]
