@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States, Words
+from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States, Words
 from cspace.check import check_count, check_finite, check_flag, check_positive, check_rng
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from cspace.map.mip import OccupancyBits, OccupancyPyramid
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
-    from cspace.map.search import Costs, Guides, Levels
+    from cspace.map.search import Costs
     from cspace.map.widest import Widest
     from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Change, Update, Updater
@@ -417,11 +417,9 @@ class CSpace(ConfigurationMap, MapExport):
     ) -> Floats:
         """Find a path through FREE cells, proven free all along.
 
-        A path is found whenever FREE cells of the grid join the two configurations. It is deterministic. In the plane
-        it is the shortest path through FREE cells, to within 1e-5 cells for each corner (Harabor and others, JAIR
-        2016). In other spaces it is a short one: it follows a short chain of cells, which a search of coarser copies of
-        the map guides (Hart, Nilsson and Raphael 1968), and is then shortened. A radian of rotation counts as half a
-        metre.
+        A path is found whenever FREE cells of the grid join the two configurations. It is deterministic, and a short
+        one: it follows a short chain of cells (Hart, Nilsson and Raphael 1968), and is then shortened. A radian of
+        rotation counts as half a metre.
 
         Parameters
         ----------
@@ -475,26 +473,13 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
-        from cspace.map.paths import path_length
-
-        dim = self.grid.dim
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        still = not self.rotations._steps_between(*endpoints)[dim:].any()
-        if still:
+        dim = self.grid.dim
+        if not self.rotations._steps_between(*endpoints)[dim:].any():
             endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
-        if not straight:
-            return self._path_along_chain(endpoints, straight, seconds)
-        if self.edge_checker()(*endpoints[0], *endpoints[1]):
+        if straight and self.edge_checker()(*endpoints[0], *endpoints[1]):
             return endpoints
-        until, neighbors, paths = clock() + seconds, self.rotations._neighbors, []
-        if dim == 2 and still:
-            paths.append(
-                self._shortest_in_slice(endpoints, int(self._slice_of[self._cells_of(endpoints[0])[0]]), until)
-            )
-        if neighbors.size or not paths or not len(paths[0]):
-            paths.append(self._path_along_chain(endpoints, straight, until - clock()))
-        found = [path for path in paths if len(path)]
-        return min(found, key=partial(path_length, rotations=self.rotations), default=endpoints[:0])
+        return self._path_along_chain(endpoints, straight, seconds)
 
     def _exact_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path` with ``exact``.
@@ -542,26 +527,23 @@ class CSpace(ConfigurationMap, MapExport):
         endpoints: Floats,
         straight: bool,
         seconds: float,
-        levels: Levels | None = None,
         factors: Costs | None = None,
         cost: Callable[..., float] | None = None,
     ) -> Floats:
         """Return a path along a short chain of cells.
 
-        It is shortened if ``straight``. With ``levels`` of clearance, the length of a move is multiplied by the factor
-        of its cells' level, and ``cost`` is that of an edge.
+        It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length of a move is
+        multiplied by those of its cells, and ``cost`` is that of an edge.
         """
         from cspace.map.paths import in_time, pulled_straight, waypoints
-        from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, NO_FACTORS, SHORT_WEIGHT, CellFactors, Graph
+        from cspace.map.search import NO_FACTORS, find_chain
 
         dim, rotations = self.grid.dim, self.rotations
-        by_cell = NO_FACTORS if levels is None or factors is None else CellFactors(levels.reshape(-1), factors)
-        guides = self._guides.all(levels, by_cell.of_level)
         until = clock() + seconds
-        graph = Graph.of(self._seen, self._slice_of, rotations._neighbors, self._turn_costs, by_cell)
-        weight = SHORT_WEIGHT if self.grid.size * len(rotations) <= MAX_COSTED_CELLS else GREEDY_WEIGHT
         first, last = self._cells_of(endpoints)
-        cells = graph.chain(first, last, until, greed=weight, guides=guides)
+        turns = rotations._neighbors, self._turn_costs
+        factors = NO_FACTORS if factors is None else factors
+        cells = find_chain(np.asarray(self._seen), self._slice_of, turns, first, last, until, factors=factors)
         if not len(cells):
             return np.empty((0, self.size))
         path = waypoints(self.grid, rotations, endpoints, cells)
@@ -599,37 +581,17 @@ class CSpace(ConfigurationMap, MapExport):
             check = in_time(self.edge_checker(), until)
             paths.append(pulled_straight(paths[0], self.rotations, check, cost))
         with suppress(TimeoutError):
-            paths.append(self._path_along_chain(endpoints, straight, until - clock(), levels, factors, cost))
+            paths.append(self._path_along_chain(endpoints, straight, until - clock(), factors[levels], cost))
         found = [path for path in paths if len(path)]
         return min(found, key=lambda path: float(edge_costs(path, cost).sum()), default=endpoints[:0])
-
-    def _shortest_in_slice(self, endpoints: Floats, number: int, until: float) -> Floats:
-        """Return the shortest path in a slice.
-
-        The slice is one of a plane map. The path is moved away from corners, so that each edge is certified. Its length
-        is 0 if there is none, or if its corners cannot be pushed far enough.
-        """
-        from cspace.map.any_angle import push_from_corners, shortest_path
-
-        grid, shape = self.grid, (self.grid.shape[0], self.grid.shape[1])
-        where = cells_of(self._seen), number * grid.size, shape
-        start, goal = (endpoints[:, :2] - grid.lower) / grid.spacing
-        path = shortest_path(*where, start, goal, until)
-        for also in (False, True):
-            if len(path):
-                points = grid.lower + grid.spacing * push_from_corners(*where, path, also)
-                points[[0, -1]] = endpoints[:, :2]
-                pushed = np.column_stack([points, np.tile(endpoints[0, 2:], (len(points), 1))])
-                if self.certify_path(pushed).all():
-                    return pushed
-        return np.empty((0, self.size))
 
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
         """Bound the length of every collision-free path between two configurations from below.
 
-        A point that is BLOCKED at all rotations is on no path, within the grid or outside. In the plane, the bound is
-        the length of the shortest path among the other points. In space, it is the largest of three such lengths, of
-        projections along each axis, extended by the difference along that axis. Rotations count nothing.
+        A point that is BLOCKED at all rotations is on no path, within the grid or outside. The bound is that of
+        :mod:`cspace.map.lower_bound`: in the plane, within 3 % and two cells of the shortest path among the other
+        points. In space, it is the largest of three such bounds, of projections along each axis, extended by the
+        difference along that axis. Rotations count nothing.
 
         Parameters
         ----------
@@ -648,15 +610,14 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If a configuration is not in the grid.
         """
-        from cspace.map.any_angle import min_length
-        from cspace.map.search import Coarse
+        from cspace.map.lower_bound import min_length
 
         grid, endpoints = self.grid, np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
-        positions = endpoints[:, : grid.dim]
-        one_group = np.zeros_like(self._slice_of)
-        lowest = Coarse(cells_of(self._seen), self._slice_of, grid.shape, one_group, 1).states[0]
+        passable = np.zeros(grid.shape, dtype=np.bool_)
+        for states in self._seen:
+            passable |= states != BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
-        return grid.spacing * min_length(lowest, is_open, *((positions - grid.lower) / grid.spacing))
+        return grid.spacing * min_length(passable, is_open, *((endpoints[:, : grid.dim] - grid.lower) / grid.spacing))
 
     def find_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
@@ -970,7 +931,7 @@ class CSpace(ConfigurationMap, MapExport):
         if change.changed:
             CSpace._free_cells.drop(self)
             CSpace._components.drop(self)
-            for part in (CSpace._mip, CSpace._clearance_levels, CSpace._inflation, CSpace._guides):
+            for part in (CSpace._mip, CSpace._clearance_levels, CSpace._inflation):
                 part.refresh(self, change.states)
         CSpace._exact.refresh(self, self._problem)
 
@@ -1148,13 +1109,6 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.search import turn_costs
 
         return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
-
-    @lazy
-    def _guides(self) -> Guides:
-        """Coarse copies of the map that guide searches."""
-        from cspace.map.search import Guides
-
-        return Guides(self._seen, self._slice_of, self.rotations._neighbors, self._turn_costs)
 
     @lazy
     def _clearance_levels(self) -> Widest:

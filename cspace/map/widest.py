@@ -19,6 +19,7 @@ from itertools import product
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.arrays import FREE, Bytes, Floats, Ints
 from cspace.compiling import always_inline, jit, kernel
@@ -28,10 +29,13 @@ from cspace.map.clearance import Squares, range_outside
 from cspace.map.components import Components
 from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, waypoints
-from cspace.map.search import Graph, Guide, Levels, check_deadline, turn_costs
+from cspace.map.search import EXACT_WEIGHT, check_deadline, find_chain, turn_costs
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_chunks, in_threads
+
+Levels = NDArray[np.uint16]
+"""Distances from cells to the nearest one that is not FREE, in 64ths of a cell."""
 
 Join = Callable[[Bytes], Components]
 """Returns the components of states."""
@@ -185,13 +189,8 @@ class Widest:
 
         The result has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
-        states, guides = self.states(min_level), []
-        graph = Graph.of(states, self.slice_of, self.rotations._neighbors, self.turns)
-        if len(self.slice_of) > 1:
-            no_rotations = np.zeros(1, dtype=np.int64), self.rotations._neighbors[:1, :0], self.turns[:1, :0]
-            positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations)
-            guides.append(Guide(positions, np.zeros_like(self.slice_of), 1))
-        return graph.chain(start, goal, until, guides=guides)
+        turns = self.rotations._neighbors, self.turns
+        return find_chain(self.states(min_level), self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
 
 
 def _with_three_axes(levels: Levels) -> Levels:

@@ -1,7 +1,6 @@
 """Widest paths: largest bottleneck clearance, then shortest length."""
 
 import bisect
-import contextlib
 import copy
 import itertools
 import math
@@ -18,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cspace import FREE, MIXED, CSpace, InputError, Robot, Workspace, build
-from cspace.map import search, widest
+from cspace.map import widest
 from cspace.map.components import Components
 from tests import handmade
 from tests.oracles import link_cells, path_length, to_graph
@@ -241,32 +240,6 @@ def test_memory_does_not_grow_with_path_length() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert space.certify_path(path).all() and compute_length(space, path) > 29 * 190 and peak < 100 * state.size
-
-
-@pytest.mark.parametrize("error", [TimeoutError, KeyboardInterrupt])
-@pytest.mark.parametrize("name", ["plane", "turning"])
-def test_interrupted_search_leaves_no_partial_state(
-    name: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected, checks = build_room(name).find_widest_path(*ENDPOINTS[name]), [0]
-
-    def check(until: float) -> None:
-        checks[0] -= 1
-        if not checks[0]:
-            raise error
-
-    monkeypatch.setattr(search, "INITIAL_ENTRIES", 64)  # the clock is also checked when the queue grows
-    monkeypatch.setattr(search, "check_deadline", check)
-    monkeypatch.setattr(widest, "check_deadline", check)
-    for n_checks in itertools.count(1):
-        space, checks[0], path = copy.copy(build_room(name)), n_checks, expected[:0]
-        with contextlib.suppress(error):
-            path = space.find_widest_path(*ENDPOINTS[name])
-        checks[0] = 0
-        assert np.array_equal(space.find_widest_path(*ENDPOINTS[name]), expected)
-        if len(path):
-            break
-    assert n_checks > 5 and np.array_equal(path, expected)
 
 
 def test_threads_share_the_components_of_levels() -> None:
