@@ -5,22 +5,19 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import BLOCKED, Bools, Ints, frozen, intersect_boxes
+from cspace.arrays import BLOCKED, Bools, Bytes, Ints, frozen, intersect_boxes
 from cspace.check import check_cells
 from cspace.engines.dilation import ClippedRuns, collide, to_three_axes
 from cspace.engines.slices import Correlation, RasterGroups, group_rasters
 from cspace.errors import InputError
 from cspace.grid import Grid
-from cspace.limits import SCRATCH_BYTES
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
-from cspace.map.storage import PackedStates
 from cspace.obstacles import CellBox, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape
@@ -141,50 +138,24 @@ def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
     return first
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
-    """Changes that an update made to a map.
-
-    A box is the first and the last cell along x, y and z; in the plane x is 0, and y and z are the two axes. It is
-    empty if a first number is above the last.
-
-    Attributes
-    ----------
-    workspace : Workspace
-        The workspace after the update.
-    layers : ObstacleLayers or None
-        Base and named obstacles, if an obstacle was ever added.
-    cells : ndarray of int64, shape (6,)
-        Box around the workspace cells that changed.
-    states : ndarray of int64, shape (slices, 6)
-        Box around the states that changed, for each slice.
-    changed : int
-        Number of states that changed, over all rotation cells.
-    """
-
-    workspace: Workspace
-    layers: ObstacleLayers | None
-    cells: Ints
-    states: Ints
-    changed: int
-
-
 class Updater:
     """Update a map in place when cells of its workspace change.
 
-    The state of a cell depends on the workspace cells under the robot's rasters. So the cells of a slice that a changed
-    box can reach form a window around it. The engine computes the window from the part of the workspace around it.
+    The state of a cell depends on the workspace cells under the robot's rasters. So the cells that a changed box can
+    reach form a window around it, in all slices. The engine computes the window from the part of the workspace around
+    it. Only then the window, the workspace and the states outside the grid are written.
 
     Parameters
     ----------
     contents : Contents
-        The map. Updates write into its states and overlaps, and into a copy of its workspace.
+        The map. Updates write into its states, and into a copy of its workspace.
     rasters : sequence of (outer, inner) Raster
         The robot's rasters, for each slice.
     exterior : Exterior
         Updates write into its boxes.
-    refresh : callable
-        Called with each :class:`Change`, to refresh caches of the map; called again if it was interrupted.
+    drop_derived : callable
+        Called with the workspace and the layers of obstacles, before the map changes; it drops all data of the map that
+        depend on its cells.
     """
 
     def __init__(
@@ -192,20 +163,18 @@ class Updater:
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]],
         exterior: Exterior,
-        refresh: Callable[[Change], None],
+        drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
     ) -> None:
-        blocked, counts, shape = contents.proves_blocked, contents.overlap_counts is not None, contents.grid.shape
-        self._grid, self._layers = contents.grid, contents.layers
-        self._states, self._overlap_counts = contents.states, contents.overlap_counts
-        self._rasters, self._exterior, self._refresh_map = rasters, exterior, refresh
+        blocked = contents.proves_blocked
+        self._grid, self._layers, self._states = contents.grid, contents.layers, contents.states
+        self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
+        self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
-        self._engine = Correlation.create("fft" if counts else "direct", self._sides, contents.outside, None)
-        self._reach = _reach(self._sides, shape, contents.outside == "blocked", counts)
+        self._engine = Correlation.create("direct", self._sides, contents.outside, None)
+        self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
-        self._nowhere = np.array([*to_three_axes(shape), -1, -1, -1])
         self._workspace = copy_workspace(contents.workspace, live=True)
-        self._layer_counts = _layer_counts(self._workspace.outer) if contents.outside == "free" else []
 
     def update(self, patch: Patch) -> Update:
         """Write a box of known cells into the base, and update the map.
@@ -219,18 +188,14 @@ class Updater:
         if were_known and all((old[patch.window] == new).all() for old, new in pairs):
             # Nothing changes, so the workspace keeps its shapes.
             return Update(0, patch.lower, patch.lower, 0)
-        if self._layers is not None:
-            # Named obstacles lie over the base, so the map gets the union of both.
-            self._layers.write(patch.window, patch.outer, patch.inner)
-            first = np.array(patch.lower)
-            return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
-        # Without named obstacles, the base is the workspace. Its shapes no longer describe its cells.
-        self._set_shapes(None)
-        update = self._write(patch)
-        if not were_known:
-            # Unknown cells became known, which caches must see even if no outer or inner cell changed.
-            self._refresh_shapes()
-        return update
+        if self._layers is None:
+            # Without named obstacles, the base is the workspace. Its shapes no longer describe its cells.
+            self._set_shapes(None)
+            return self._write_all([patch])
+        # Named obstacles lie over the base, so the map gets the union of both.
+        self._layers.write(patch.window, patch.outer, patch.inner)
+        first = np.array(patch.lower)
+        return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
 
     def set_obstacle(self, name: str, shape: Shape | None) -> Update:
         """Add, replace or remove a named obstacle, and update the map."""
@@ -251,134 +216,68 @@ class Updater:
         return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._size).any())
 
     def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
-        """Copy boxes of cells from the layers.
-
-        They are copied to the map, with all shapes.
-        """
+        """Copy boxes of cells from the layers to the map, with all shapes."""
         self._set_shapes(layers.obstacles)
-        patches = [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
-        try:
-            updates = [self._write(patch) for patch in patches]
-        except BaseException:  # Ctrl-C, too
-            for patch in patches:
-                self._write(patch)
-            raise
-        finally:
-            self._refresh_shapes()
-        return Update.combine(updates, len(layers.grid.shape))
+        return self._write_all([Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes])
 
     def _set_shapes(self, shapes: tuple[Shape, ...] | None) -> None:
         """Replace the shapes of the workspace."""
         object.__setattr__(self._workspace, "shapes", shapes)
 
-    def _refresh_shapes(self) -> None:
-        """Refresh caches of the workspace's shapes.
+    def _write_all(self, patches: Sequence[Patch]) -> Update:
+        """Write patches into the workspace, and update the map.
 
-        Shapes and layers may change even if no cell does.
+        If it is interrupted, also by Ctrl-C, all patches are written before the error goes on.
         """
-        _complete(partial(self._refresh, self._nowhere, np.tile(self._nowhere, (len(self._weights), 1)), 0))
-
-    def _refresh(self, cells: Ints, states: Ints, changed: int) -> None:
-        """Refresh the caches of the map."""
-        self._refresh_map(Change(self._workspace, self._layers, cells, states, changed))
+        try:
+            updates = [self._write(patch) for patch in patches]
+        except BaseException:
+            for patch in patches:
+                self._write(patch)
+            raise
+        finally:
+            self._drop_derived(self._workspace, self._layers)
+        return Update.combine(updates, self._grid.dim)
 
     def _write(self, patch: Patch) -> Update:
         """Write a patch into the workspace, and update the map."""
-        old, dim = self._workspace, len(patch.lower)
-        differ = old.outer[patch.window] != patch.outer
-        if old.inner is not old.outer or patch.inner is not patch.outer:
-            differ |= old.inner[patch.window] != patch.inner
-        occupied = int(np.count_nonzero(differ))
+        dim = self._grid.dim
+        outer_differs = self._workspace.outer[patch.window] != patch.outer
+        differs = outer_differs | (self._workspace.inner[patch.window] != patch.inner)
+        occupied = int(np.count_nonzero(differs))
+        nothing = Update(occupied, patch.lower, patch.lower, 0)
         if not occupied:
             self._write_cells(patch)  # unknown cells may change
-            return Update(0, patch.lower, patch.lower, 0)
-        box = self._boxes(differ[np.newaxis], patch.lower)[0]
+            return nothing
+        where = np.argwhere(differs)
+        box = where.min(axis=0) + patch.lower, where.max(axis=0) + patch.lower
         # Cell k depends on the cells k + m, where m is an offset of the robot.
-        first = np.maximum(box[3 - dim : 3] - self._reach[:, 1], 0)
-        stop = np.minimum(box[6 - dim :] - self._reach[:, 0] + 1, self._grid.shape)
-        changes: list[tuple[Ints, Ints]] = []
-        counts = self._count_layers(patch)
-        _complete(partial(self._apply, patch, box, first, stop, counts, changes))
-        used = (first < stop).all(axis=1)
-        if not used.any():
-            return Update(occupied, patch.lower, patch.lower, 0)
-        lower, upper = first[used].min(axis=0), stop[used].max(axis=0)
-        changed = int(self._weights @ np.concatenate([each for _, each in changes]))
-        return Update(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
-
-    def _apply(
-        self, patch: Patch, box: Ints, first: Ints, stop: Ints, counts: list[Ints], changes: list[tuple[Ints, Ints]]
-    ) -> None:
-        """Update states, workspace and caches, in this order.
-
-        A second call completes an interrupted one. Append to ``changes``, for each batch of slices, the boxes around
-        the states that changed, and their numbers. If memory runs out in the first batch, the map stays unchanged.
-        """
-        used, cells = np.asarray((first < stop).all(axis=1)), self._grid.size
-        if not isinstance(self._states, PackedStates) and used.any():
-            cells = int(np.prod(stop[used].max(axis=0) - first[used].min(axis=0)))
-        batch_size = max(1, SCRATCH_BYTES // cells)
-        for index, start in enumerate(range(0, len(used), batch_size)):
-            batch = slice(start, start + batch_size)
-            self._update_slices(patch, batch, first[batch][used[batch]], stop[batch][used[batch]], changes, index)
+        first = np.maximum(box[0] - self._reach[1], 0)
+        stop = np.minimum(box[1] - self._reach[0] + 1, self._grid.shape)
+        if (first >= stop).any():
+            self._write_cells(patch)
+            return nothing
+        window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
+        states = self._compute(patch, first, stop)
+        changes = np.count_nonzero(states != self._states[window], axis=tuple(range(1, dim + 1)))
+        # From here on the map changes. Each step may be repeated.
+        self._drop_derived(self._workspace, self._layers)
+        self._states[window] = states
         self._write_cells(patch)
-        if counts:
-            self._layer_counts = counts
-            used_layers = [np.flatnonzero(each) for each in counts]
-            dim, ends = len(counts), np.array([[each[0], each[-1]] if len(each) else [0, -1] for each in used_layers])
-            around = Exterior.around(self._grid.shape, ends.T.reshape(2, dim), self._rasters, "free")
-            self._exterior.boxes[...] = around.boxes
-        boxes, changed = map(np.concatenate, zip(*changes, strict=True))
-        self._refresh(box, boxes, int(self._weights @ changed))
+        if self._outside == "free":
+            self._exterior.table[...] = Exterior.of(self._workspace.outer, self._rasters, "free").table
+        return Update(occupied, tuple(first.tolist()), tuple(stop.tolist()), int(self._weights @ changes))
 
-    def _update_slices(
-        self, patch: Patch, batch: slice, first: Ints, stop: Ints, changes: list[tuple[Ints, Ints]], index: int
-    ) -> None:
-        """Compute the states of a batch of slices again.
-
-        The window around the boxes from ``first`` to ``stop`` (exclusive) is computed.
-        """
-        whole, reach = self._states[batch], self._reach[batch]
-        if not len(first):
-            if index == len(changes):
-                changes.append((np.tile(self._nowhere, (len(whole), 1)), np.zeros(len(whole), dtype=np.int64)))
-            return
-        low, high = first.min(axis=0), stop.max(axis=0)
-        begin = np.maximum(low + reach[:, 0].min(axis=0), 0)
-        end = np.minimum(high + reach[:, 1].max(axis=0), self._grid.shape)
+    def _compute(self, patch: Patch, first: Ints, stop: Ints) -> Bytes:
+        """Return the states of the cells from ``first`` to ``stop``, with the patch."""
+        begin = np.maximum(first + self._reach[0], 0)
+        end = np.minimum(stop + self._reach[1], self._grid.shape)
         outer, inner = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
-        sides = [[raster.translate((low - begin).tolist()) for raster in side[batch]] for side in self._sides]
-        window = (slice(None), *map(slice, low.tolist(), high.tolist()))
-        old = whole[window]
-        states = np.empty(old.shape, dtype=np.uint8)
-        overlaps = None if self._overlap_counts is None else np.empty(old.shape, dtype=np.int32)
-        self._engine.fill(outer, inner, sides, states, overlaps)
-        differ = old != states
-        changed = np.count_nonzero(differ, axis=tuple(range(1, differ.ndim)))
-        if index == len(changes):
-            changes.append((self._boxes(differ, low), changed))
-        old[...] = states
-        if isinstance(self._states, PackedStates):  # slicing them made a copy
-            for k in np.flatnonzero(changed).tolist():
-                self._states.write(batch.start + k, whole[k])
-        if self._overlap_counts is not None and overlaps is not None:
-            self._overlap_counts[batch][window] = overlaps
-
-    def _boxes(self, differ: Bools, lower: Sequence[int] | Ints) -> Ints:
-        """Return the bounding box of set cells.
-
-        There is one for each window, shape (n, 6), as in :class:`Change`. ``differ`` has shape (n, ...), and each
-        window begins at cell ``lower``. A plane has no x, so its x stays 0. A window without set cells gets an empty
-        box.
-        """
-        front, axes = 3 - (differ.ndim - 1), range(1, differ.ndim)
-        boxes = np.zeros((len(differ), 6), dtype=np.int64)
-        for axis, low in zip(axes, lower, strict=True):
-            used = np.asarray(differ.any(axis=tuple(other for other in axes if other != axis)))
-            boxes[:, front + axis - 1] = low + used.argmax(axis=1)
-            boxes[:, front + axis + 2] = low + used.shape[1] - 1 - used[:, ::-1].argmax(axis=1)
-        boxes[~used.any(axis=1)] = self._nowhere
-        return boxes
+        shift = (first - begin).tolist()
+        sides = [[raster.translate(shift) for raster in side] for side in self._sides]
+        states = np.empty((len(self._states), *(stop - first).tolist()), dtype=np.uint8)
+        self._engine.fill(outer, inner, sides, states, None)
+        return states
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
         """Return a window of the workspace with the patch.
@@ -419,31 +318,6 @@ class Updater:
         if self._workspace.unknown is not None:
             _overwrite(self._workspace.unknown, window, patch.unknown)
 
-    def _count_layers(self, patch: Patch) -> list[Ints]:
-        """Count the outer cells in each layer.
-
-        Layers lie along each axis, with the patch. The result is empty if unused.
-        """
-        if not self._layer_counts:
-            return []
-        counts = [each.copy() for each in self._layer_counts]
-        before, after = (_layer_counts(each) for each in (self._workspace.outer[patch.window], patch.outer))
-        for count, part, old, new in zip(counts, patch.window, before, after, strict=True):
-            count[part] += new - old
-        return counts
-
-
-def _complete(work: Callable[[], None]) -> None:
-    """Call ``work``, and again if it was interrupted.
-
-    It must not stay half done.
-    """
-    try:
-        work()
-    except BaseException:  # Ctrl-C, too
-        work()
-        raise
-
 
 def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) -> None:
     """Write to an array that is read-only for users."""
@@ -458,28 +332,21 @@ def _layers_of(workspace: Workspace) -> ObstacleLayers:
     return ObstacleLayers(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
 
 
-def _layer_counts(cells: Bools) -> list[Ints]:
-    """Count the set cells in each layer along each axis."""
-    axes = set(range(cells.ndim))
-    return [np.count_nonzero(cells, axis=tuple(axes - {axis})) for axis in sorted(axes)]
+def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) -> Ints:
+    """Return the minimum and maximum offset of the cells that decide a state, shape (2, d).
 
-
-def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool, counts: bool) -> Ints:
-    """Return the range of cells that decide a state.
-
-    It is the minimum and maximum offset, shape (slices, 2, d). Without counts, a robot that touches the blocked
-    exterior from everywhere depends on no cell.
+    A robot that touches the blocked exterior from everywhere depends on no cell.
     """
-    reach = np.empty((len(sides), len(sides[0]), 2, 3), dtype=np.int64)
-    reach[:, :, 0], reach[:, :, 1] = _NEVER, -_NEVER
-    for number, side in enumerate(sides):
-        for row, runs in zip(reach[number], ClippedRuns.of(side, to_three_axes(shape)), strict=True):
-            if len(runs.table) and not (runs.clipped and exterior_blocked and not (counts and number == 0)):
+    low, high = np.full(3, _NEVER), np.full(3, -_NEVER)
+    for side in sides:
+        for runs in ClippedRuns.of(side, to_three_axes(shape)):
+            if len(runs.table) and not (runs.clipped and exterior_blocked):
                 last = runs.table[:, :3].copy()
                 last[:, 2] += runs.table[:, 3] - 1
-                row[:] = runs.table[:, :3].min(axis=0), last.max(axis=0)
+                low = np.minimum(low, runs.table[:, :3].min(axis=0))
+                high = np.maximum(high, last.max(axis=0))
     dim = len(shape)
-    return np.stack([reach[:, :, 0].min(axis=0), reach[:, :, 1].max(axis=0)], axis=1)[..., 3 - dim :]
+    return np.stack([low, high])[:, 3 - dim :]
 
 
 def _proves_blocked(contents: Contents, rasters: Sequence[tuple[Raster, Raster]]) -> bool:
