@@ -276,8 +276,8 @@ class Plan:
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
         >>> plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
         >>> update = space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
-        >>> plan.certified, plan.recheck()
-        (True, array([False]))
+        >>> plan.certified, plan.recheck().tolist()
+        (True, [False])
         """
         if not self.solved:
             raise InputError("plan", "has no path", f"the search ended with: {self.status}", "plan again")
@@ -463,8 +463,8 @@ class Plan:
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
         >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
         >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
-        >>> trajectory.duration, trajectory.sample(2.0)[0]
-        (5.0, array([1.5, 1.5]))
+        >>> trajectory.duration, trajectory.sample(2.0)[0].tolist()
+        (5.0, [1.5, 1.5])
         """
         self._check_solved("a trajectory follows a path")
         rotation = {"max_angular_velocity": max_angular_velocity, "max_angular_acceleration": max_angular_acceleration}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints
 from cspace.errors import CspaceError, FileError, InputError
-from cspace.limits import check_bytes
+from cspace.limits import SizeLimit, check_bytes
 
 _MAX_HEADER_BYTES: Final = 2**16
 """Maximum size, in bytes, of a text header before binary data."""
@@ -50,10 +50,11 @@ _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a wrong line that a message quotes."""
 
 
-def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Path:
+def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes") -> Path:
     """Return `path` as a Path, if a readable plain file is there.
 
     `kind` names the expected file in messages, such as "ROS map". Reading takes `memory` bytes per byte of the file.
+    `limit` is the limit of :mod:`cspace.limits` for its size.
 
     Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not a plain file, is
     larger than :mod:`cspace.limits` allows, or is a git-lfs pointer.
@@ -71,7 +72,7 @@ def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> 
         raise read_error(path, kind, error) from error
     if size <= _MAX_LFS_POINTER_BYTES:
         _refuse_pointer(file, kind)
-    check_bytes(file, size, memory=memory)
+    check_bytes(file, size, memory=memory, limit=limit)
     return file
 
 
@@ -175,12 +176,12 @@ def check_suffix(path: str | os.PathLike[str], known: Iterable[str], rule: str, 
     return suffix
 
 
-def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> bytes:
-    """Return the content of a file; `memory` as for :func:`check_file`.
+def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes") -> bytes:
+    """Return the content of a file; parameters as for :func:`check_file`.
 
     Raises InputError or FileError as :func:`check_file`, and FileError if the system refuses to read the file.
     """
-    file = check_file(path, kind, memory)
+    file = check_file(path, kind, memory, limit)
     try:
         return file.read_bytes()
     except OSError as error:
@@ -207,14 +208,14 @@ def read_member(folder: str | os.PathLike[str], name: str, kind: str) -> bytes |
         return None
 
 
-def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> str:
+def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0, limit: SizeLimit = "max_bytes") -> str:
     """Return the text of a UTF-8 file.
 
-    Every line end becomes a newline; `memory` as for :func:`check_file`.
+    Every line end becomes a newline; parameters as for :func:`check_file`.
 
     Raises InputError or FileError as :func:`read_bytes`, and FileError if the file is not UTF-8.
     """
-    content = read_bytes(path, kind, memory)
+    content = read_bytes(path, kind, memory, limit)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
