@@ -223,7 +223,7 @@ def plan(
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance", "overlap"} or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, by "Grid" if no
-        planner is named and the robot is holonomic. "overlap" is :class:`planners.OverlapObjective` with the field that
+        planner is named; the robot must then be holonomic. "overlap" is :class:`planners.OverlapObjective` with the field that
         the map carries. A callable takes the space information and returns an ``ompl.base.OptimizationObjective``. The
         length counts a radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
 
