@@ -98,10 +98,10 @@ def test_the_nearest_configuration_of_an_error_is_taken_when_typed_back() -> Non
 def test_a_command_takes_the_nearest_configuration_that_it_printed(tmp_path: Path) -> None:
     occupied = np.zeros((50, 50), dtype=bool)
     occupied[20:30] = True
-    space = build(Workspace.from_array(occupied, 0.01, lower=(1200.0, -7.0)), Robot.rectangle(0.04, 0.02), rotations=12)
+    space = build(Workspace.from_array(occupied, 0.01, lower=(12000.0, -7.0)), Robot.rectangle(0.04, 0.02), rotations=12)
     space.save(tmp_path / "m.zarr")
-    goal = "--goal=1200.1,-6.9,0"
-    refused = run("plan", tmp_path / "m.zarr", "--start=1200.24,-6.7,0.3", goal)
+    goal = "--goal=12000.1,-6.9,0"
+    refused = run("plan", tmp_path / "m.zarr", "--start=12000.24,-6.7,0.3", goal)
     assert refused.exit_code == 2
     nearest = read_configurations(refused.stderr)[-1]
     again = run("plan", tmp_path / "m.zarr", f"--start={','.join(map(str, nearest))}", goal)
