@@ -49,13 +49,13 @@ if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace
 
 MAX_OPEN_SIZE_RATIO: Final = 10.0
-"""Longest side of a robot over that of a workspace without walls, above which a unit is probably wrong."""
+"""Longest side of a robot over that of a workspace without walls, above which a unit is wrong."""
 
 MIN_ROBOT_CELLS: Final = 0.02
 """Longest side of a robot, in cells, below which its unit is probably wrong."""
 
 MAX_ORIGIN_SIZES: Final = 10.0
-"""Distance of a robot from its reference point, in its longest sides, above which its origin is probably wrong."""
+"""Distance of a robot from its reference point, in its longest sides, that suggests an error."""
 
 
 class BuildOptions(TypedDict, total=False):
@@ -110,9 +110,9 @@ def build(
     workspace : Workspace
         The obstacles, in the plane or in space.
     robot : Robot, or shape
-        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, a short text of
-        :meth:`Robot.parse`, or any other argument of :meth:`CSpace.add_obstacle`) is a robot with its reference point
-        at the origin of the shape.
+        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, a
+        short text of :meth:`Robot.parse`, or any other argument of :meth:`CSpace.add_obstacle`)
+        is a robot with its reference point at the origin of the shape.
     rotations : int, array-like or Rotations, optional
         Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about z in space: the
         number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over 2
@@ -162,9 +162,10 @@ def build(
     Warns
     -----
     UnitWarning
-        If the robot is larger than the workspace, smaller than a fiftieth of a cell, or farther from its reference
-        point than ten times its size, as in another unit than the metre. A point raises no warning. Without walls
-        (``outside="free"``), the robot may be ten times as large as the workspace.
+        If the robot is larger than the workspace, smaller than a fiftieth of a cell, or farther
+        from its reference point than ten times its size, as in another unit than the metre. A
+        point raises no warning. Without walls (``outside="free"``), the robot may be ten times as
+        large as the workspace.
 
     References
     ----------
@@ -325,47 +326,43 @@ def _check(
     check_word(outside, "outside", OUTSIDES)
 
 
-def _warn_of_units(grid: Grid, robot: Robot, rotations: Rotations, margin: float, outside: str) -> None:
-    """Warn if a robot's size or distance suggests another unit or origin."""
+def _warn_of_units(
+    grid: Grid,
+    robot: Robot,
+    rotations: Rotations,
+    margin: float,
+    outside: str,
+) -> None:
+    """Warn if a robot's size or place suggests another unit or origin."""
     lower, upper = robot.shape.outer.bounds
-    sides = upper - lower
+    sides, room = upper - lower, grid.spacing * np.array(grid.shape)
     size = float(sides.max())
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
-    room = grid.spacing * np.array(grid.shape)
-    grown = sides + 2.0 * margin
-    text = f"the robot is {_sides_text(sides)} large"
-    if outside == "blocked" and not _may_fit(grown, room, rotations):
-        text += f", its margin is {margin:g} m," * (margin > 0.0)
-        warn_user(
-            f"{text} and the workspace {_sides_text(room)}, so it fits nowhere and no cell is FREE; check the units of "
-            "both (metres, not millimetres) and the workspace's bounds",
-            UnitWarning,
-        )
+    if outside == "blocked" and not _may_fit(sides + 2.0 * margin, room, rotations):
+        problem = f"with a margin of {margin:g} m, " * (margin > 0.0)
+        problem += f"the workspace is {_sides_text(room)}, so it fits nowhere and no cell is FREE"
+        hint = "check the units of both (metres, not millimetres), and the workspace's bounds"
     elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * room.max():
-        warn_user(
-            f"{text} and the workspace only {_sides_text(room)}; check the units of both (metres, not millimetres)",
-            UnitWarning,
-        )
+        problem = f"the workspace is only {_sides_text(room)}"
+        hint = "check the units of both (metres, not millimetres)"
     elif 0.0 < size < MIN_ROBOT_CELLS * grid.spacing:
-        warn_user(
-            f"{text}, less than 1/{1.0 / MIN_ROBOT_CELLS:g} of a cell of {grid.spacing:g} m, about a point; "
-            "its unit is probably wrong (metres are needed): scale it, or use a smaller spacing",
-            UnitWarning,
-        )
+        share = f"1/{1.0 / MIN_ROBOT_CELLS:g}"
+        problem = f"less than {share} of a cell of {grid.spacing:g} m, so it counts as a point"
+        hint = "check its unit (metres, not kilometres): scale it, or use a smaller spacing"
     elif distance > MAX_ORIGIN_SIZES * size > 0.0:
         move = ", ".join(f"{0.0 - x:g}" for x in (lower + upper) / 2.0)
-        warn_user(
-            f"{text} and lies {distance:g} m from its origin, which is the reference point that configurations place; "
-            f"if this is not intended, move its center to the origin, by ({move}) m, and check the units (metres)",
-            UnitWarning,
-        )
+        problem = f"it lies {distance:g} m from its origin, the reference point of configurations"
+        hint = f"move its center there, by ({move}) m, and check the units (metres)"
+    else:
+        return
+    warn_user(f"the robot is {_sides_text(sides)} large; {problem}; {hint}", UnitWarning)
 
 
 def _may_fit(sides: Floats, room: Floats, rotations: Rotations) -> bool:
     """Return False if a box of some sides fits nowhere, however it turns.
 
-    A box longer than the diagonal of the axes that rotations mix does not fit. Without rotations, each axis counts
-    alone; yaw mixes x and y.
+    A box longer than the diagonal of the axes that rotations mix does not fit. Without rotations,
+    each axis counts alone; yaw mixes x and y.
     """
     mixed_axes = {0: [[0], [1], [2]], 1: [[0, 1], [2]]}.get(len(rotations.names), [[0, 1, 2]])
     groups = [axes for axes in mixed_axes if axes[0] < len(sides)]

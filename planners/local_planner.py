@@ -429,8 +429,9 @@ class EdgesOnMap(LocalPlanner):
             points = space.rotations._make_canonical(np.stack([typed, q]), "q")
         except InputError:  # too few digits for a quaternion of norm 1
             return False
-        first, second = np.column_stack([space.grid.cell_of(points[:, :dim]), space.rotations._cells_of(points)])
-        if (first != second).any():
+        cells = space.grid.cell_of(points[:, :dim])
+        rotation_cells = space.rotations._cells_of(points)
+        if (cells[0] != cells[1]).any() or rotation_cells[0] != rotation_cells[1]:
             return False
         is_free = self.straight_checker()
         first_is_free, second_is_free = (is_free(*point, *point) for point in points.tolist())
@@ -459,8 +460,8 @@ class EdgesOnMap(LocalPlanner):
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
             hint = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
-        text = self.format_configuration(point)
-        return ConfigurationError(name, f"{text} {problem}", rule, hint, value=point, nearest=nearest)
+        problem = f"{self.format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""

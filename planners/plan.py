@@ -69,7 +69,7 @@ MAX_SKIPPED_WAYPOINTS: Final = 32
 """Number of next waypoints that an edge of a path through tiles may lead to."""
 
 MAX_SAMPLES_BETWEEN: Final = 256
-"""Largest number of positions along an axis at which MIXED cells are sought after a failed search."""
+"""Largest number of positions along an axis at which a failed search looks for MIXED cells."""
 
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan without a search, because every path would follow such a chain."""
@@ -222,10 +222,11 @@ def plan(
     seed : int, optional
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance", "overlap"} or callable
-        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, by "Grid" if no
-        planner is named; the robot must then be holonomic. "overlap" is :class:`planners.OverlapObjective` with the field that
-        the map carries. A callable takes the space information and returns an ``ompl.base.OptimizationObjective``. The
-        length counts a radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
+        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
+        by "Grid" if no planner is named; the robot must then be holonomic. "overlap" is
+        :class:`planners.OverlapObjective` with the field that the map carries. A callable takes the
+        space information and returns an ``ompl.base.OptimizationObjective``. The length counts a
+        radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
 
         Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar. FMT and BFMT take them
         with a time limit of many seconds, because they compute the cost between all pairs of near samples. Each of
@@ -312,28 +313,34 @@ def plan(
     return _make_plan(task, start, result, exists, began)
 
 
-def _choose_planner(edges: LocalPlanner, objective: str | MakeObjective, iterations: int | None) -> str:
+def _choose_planner(
+    edges: LocalPlanner,
+    objective: str | MakeObjective,
+    iterations: int | None,
+) -> str:
     """Choose the planner of a plan that names none.
 
     Raises InputError if none that is chosen by default minimises the objective.
     """
     name = BIRRT if BIRRT in edges.built_in_searches else planner_named(None, edges.drive)
-    is_for_map = isinstance(edges, EdgesOnMap) and isinstance(objective, str) and objective in _OBJECTIVES
+    is_known = isinstance(objective, str) and objective in _OBJECTIVES
+    is_for_map = is_known and isinstance(edges, EdgesOnMap)
     if not is_for_map and not callable(objective):  # the length, or an error for later
         return name
-    problem = f"is {'a function' if callable(objective) else repr(objective)} and no planner is named"
+    given = "a function" if callable(objective) else repr(objective)
+    problem = f"is {given} and no planner is named"
     rule = "the default planners minimise the length"
     if objective == CLEARANCE:
         # OMPL's default planner ignores objectives, but the map's own search weighs clearance.
         if edges.drive != HOLONOMIC:
-            option, given, rule = "drive", repr(edges.drive), "without a planner, it is for holonomic robots"
+            conflict, rule = f"drive is {edges.drive!r}", "it is for holonomic robots"
         elif edges.exact:
-            option, given, rule = "exact", "True", "without a planner, it is for FREE cells"
+            conflict, rule = "exact is True", "it is for FREE cells"
         elif iterations is not None:
-            option, given, rule = "iterations", repr(iterations), "without a planner, there are no iterations"
+            conflict, rule = f"iterations is {iterations!r}", "there are no iterations"
         else:
             return GRID
-        problem = f"is {objective!r} and {option} is {given}"
+        problem, rule = f"is {objective!r} and {conflict}", f"without a planner, {rule}"
     hint = "name a planner that optimises: planner='RRTstar'"
     raise InputError("objective", problem, rule, hint, value=objective)
 
@@ -372,16 +379,18 @@ def _check_built_in_search(task: _Task) -> None:
         "drive": edges.drive if edges.drive != HOLONOMIC and name != LATTICE else None,
         "iterations": task.search.iterations if name != BIRRT else None,
     }
+    minimised = "length or clearance" if name == GRID else "the length"
     rules = {
-        "objective": f"{name} minimises {'length or clearance' if name == GRID else 'the length'}",
-        "exact": f"{name} uses FREE cells{' for objective=' + repr(CLEARANCE) if keeps_away else ''}",
+        "objective": f"{name} minimises {minimised}",
+        "exact": f"{name} uses FREE cells" + f" for objective={CLEARANCE!r}" * keeps_away,
         "drive": f"{name} is for holonomic robots",
         "iterations": f"{name} counts none",
     }
     other = planner_named(None, edges.drive) if task.objective == "length" else "RRTstar"
     for option, value in refused.items():
         if value is not None:
-            problem, hint = f"is {value!r} and planner is {name!r}", f"leave {option} out, or use planner={other!r}"
+            problem = f"is {value!r} and planner is {name!r}"
+            hint = f"leave {option} out, or use planner={other!r}"
             raise InputError(option, problem, rules[option], hint, value=value)
     if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
         rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
@@ -631,8 +640,12 @@ def _has_mixed_between(edges: EdgesOnMap, endpoints: Endpoints) -> bool:
         np.linspace(low, high, min(int(n), MAX_SAMPLES_BETWEEN))
         for low, high, n in zip(lower, upper, counts, strict=True)
     )
-    samples = [np.column_stack([*map(np.ravel, np.meshgrid(x, y)), np.full(len(x) * len(y), q[2])]) for q in endpoints]
-    return bool((edges.space.classify(np.concatenate(samples)) == MIXED).any())
+    positions = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    for q in endpoints:
+        samples = np.insert(positions, 2, q[2], axis=1)
+        if np.any(edges.space.classify(samples) == MIXED):
+            return True
+    return False
 
 
 def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:

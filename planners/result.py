@@ -301,7 +301,8 @@ class Plan:
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""
         if not self.solved:
-            between = f"from {self._text_of(self.start)} to {self._text_of(self.goal)} ({', '.join(self.axes)})"
+            start, goal = self._text_of(self.start), self._text_of(self.goal)
+            between = f"from {start} to {goal} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"

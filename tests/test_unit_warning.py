@@ -27,17 +27,62 @@ def find_warnings(call: Callable[[], object]) -> list[warnings.WarningMessage]:
 
 
 SUSPECT_ROBOTS: dict[str, tuple[Workspace, Any, dict[str, Any], list[str]]] = {
-    "in millimetres": (PLANE, Robot.rectangle(600, 400), {}, ["600 m x 400 m", "10 m x 8 m", "millimetres"]),
-    "in millimetres, and far off": (PLANE, Robot.rectangle(600, 400, (9e3, 0)), {}, ["600 m x 400 m", "10 m x 8 m"]),
-    "in millimetres, without walls": (PLANE, Robot.disc(300), {"outside": "free"}, ["600 m x 600 m", "millimetres"]),
+    "in millimetres": (
+        PLANE,
+        Robot.rectangle(600, 400),
+        {},
+        ["600 m x 400 m", "10 m x 8 m", "millimetres"],
+    ),
+    "in millimetres, and far off": (
+        PLANE,
+        Robot.rectangle(600, 400, (9e3, 0)),
+        {},
+        ["600 m x 400 m", "10 m x 8 m"],
+    ),
+    "in millimetres, without walls": (
+        PLANE,
+        Robot.disc(300),
+        {"outside": "free"},
+        ["600 m x 600 m", "millimetres"],
+    ),
     "longer than an axis": (PLANE, Robot.rectangle(0.4, 8.5), {}, ["0.4 m x 8.5 m"]),
-    "longer than the diagonal": (PLANE, Robot.rectangle(13, 0.4), {"rotations": 8}, ["13 m x 0.4 m"]),
-    "margin in millimetres": (PLANE, Robot.disc(0.2), {"margin": 50}, ["0.4 m x 0.4 m", "50 m", "10 m x 8 m"]),
-    "tiny": (PLANE, Robot.rectangle(0.0006, 0.0004), {}, ["0.0006 m x 0.0004 m", "0.1 m", "metres"]),
-    "far from its origin": (PLANE, Robot.rectangle(0.6, 0.4, (14, 0)), {}, ["0.6 m x 0.4 m", "13.7 m", "(-14, 0)"]),
+    "longer than the diagonal": (
+        PLANE,
+        Robot.rectangle(13, 0.4),
+        {"rotations": 8},
+        ["13 m x 0.4 m"],
+    ),
+    "margin in millimetres": (
+        PLANE,
+        Robot.disc(0.2),
+        {"margin": 50},
+        ["0.4 m x 0.4 m", "50 m", "10 m x 8 m"],
+    ),
+    "tiny": (
+        PLANE,
+        Robot.rectangle(0.0006, 0.0004),
+        {},
+        ["0.0006 m x 0.0004 m", "0.1 m", "metres"],
+    ),
+    "far from its origin": (
+        PLANE,
+        Robot.rectangle(0.6, 0.4, (14, 0)),
+        {},
+        ["0.6 m x 0.4 m", "13.7 m", "(-14, 0)"],
+    ),
     "a shape": (PLANE, shapely.box(5, 5, 5.1, 5.2), {}, ["0.1 m x 0.2 m", "(-5.05, -5.1)"]),
-    "higher than the shelf": (SHELF, Robot.box((0.2, 0.2, 0.5)), {"rotations": 4}, ["0.5 m", "2 m x 2 m x 0.4 m"]),
-    "a part in millimetres": (SHELF, trimesh.creation.box((30, 20, 10)), {}, ["30 m x 20 m x 10 m"]),
+    "higher than the shelf": (
+        SHELF,
+        Robot.box((0.2, 0.2, 0.5)),
+        {"rotations": 4},
+        ["0.5 m", "2 m x 2 m x 0.4 m"],
+    ),
+    "a part in millimetres": (
+        SHELF,
+        trimesh.creation.box((30, 20, 10)),
+        {},
+        ["30 m x 20 m x 10 m"],
+    ),
 }
 
 
@@ -50,7 +95,8 @@ def test_a_build_warns_once_of_a_suspect_robot_with_measures_and_cause(case: str
 
 
 def test_a_robot_too_large_has_no_free_cell() -> None:
-    for case in ("longer than an axis", "longer than the diagonal", "margin in millimetres", "higher than the shelf"):
+    cases = "longer than an axis", "longer than the diagonal", "margin in millimetres"
+    for case in (*cases, "higher than the shelf"):
         workspace, robot, options, _ = SUSPECT_ROBOTS[case]
         with pytest.warns(UnitWarning, match="no cell is FREE"):
             space = cspace.build(workspace, robot, **options)
@@ -62,8 +108,9 @@ def test_a_build_in_tiles_warns_before_the_work(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     def build() -> None:
+        options = {"outside": "free", "progress": stop}
         with pytest.raises(KeyboardInterrupt):
-            cspace.build(PLANE, Robot.disc(300), store=tmp_path / "m.zarr", outside="free", progress=stop)
+            cspace.build(PLANE, Robot.disc(300), store=tmp_path / "m.zarr", **options)
 
     assert len(find_warnings(build)) == 1
 
@@ -94,7 +141,7 @@ def test_obstacles_smaller_than_a_cell_give_the_same_warning() -> None:
     assert "0.002 m x 0.001 m" in str(warning.message)
 
 
-# ---- arguments in the wrong place ------------------------------------------------------------------------------------
+# ---- arguments in the wrong place ----
 
 
 def test_a_file_name_for_the_workspace_is_refused_with_the_call_that_reads_it() -> None:

@@ -178,28 +178,32 @@ def test_a_search_without_nodes_left_does_not_ask_for_more_time(options: dict[st
         assert plan.hint == f"{RESOLVE}, a smaller turning_radius, or planner='RRT'"
     else:
         assert "; the lattice of 17 headings has no path; one exists for a robot that" in plan.status
-        assert plan.hint == f"{RESOLVE}, planner='RRTConnect' with exact=True, or planner='RRTConnect'"
+        decide = "planner='RRTConnect' with exact=True"
+        assert plan.hint == f"{RESOLVE}, {decide}, or planner='RRTConnect'"
     late = planners.plan(dead_end(), *query, planner="Lattice", time_limit=1e-6, **options)
     assert "no path found within" in late.status and "nodes" not in late.status
     assert "more time (time_limit=1e-05), " in late.hint
 
 
 def test_a_slot_too_tight_for_the_cells_asks_for_finer_cells_first() -> None:
-    # A car of 0.9 m beside a slot of 1.2 m between others; its motions into the slot touch MIXED cells.
+    # A car of 0.9 m beside a slot of 1.2 m; its motions into the slot touch MIXED cells.
     occupied = fill_boxes((80, 40), np.s_[:30, :10], np.s_[42:, :10])
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.36), rotations=72)
     query, car = ((5.5, 1.5, 0.0), (3.6, 0.5, 0.0)), {"drive": "reeds-shepp", "turning_radius": 1.0}
     assert space.is_connected(*query)
     for planner in (None, "Lattice", "RRTConnect"):
         plan = planners.plan(space, *query, planner=planner, time_limit=1e-6, **car)
-        assert not plan.solved and plan.hint.startswith(f"{RESOLVE}, more time (time_limit=1e-05), ")
-    differential = planners.plan(space, *query, time_limit=1e-6, planner="RRT", drive="differential", iterations=1)
-    assert differential.hint.startswith(f"{RESOLVE}, exact=True, more time")
+        assert not plan.solved
+        assert plan.hint.startswith(f"{RESOLVE}, more time (time_limit=1e-05), ")
+    differential = {"drive": "differential", "planner": "RRT", "iterations": 1}
+    plan = planners.plan(space, *query, time_limit=1e-6, **differential)
+    assert plan.hint.startswith(f"{RESOLVE}, exact=True, more time")
 
 
 def test_finer_cells_are_not_asked_for_where_none_is_undecided() -> None:
     space, start, goal = sideways()
-    plan = planners.plan(space, start, goal, planner="Lattice", time_limit=0.5, drive="differential")
+    options = {"drive": "differential", "planner": "Lattice"}
+    plan = planners.plan(space, start, goal, time_limit=0.5, **options)
     assert not plan.solved and "MIXED" not in plan.hint and "finer" not in plan.hint
 
 

@@ -17,7 +17,7 @@ from cspace.arms import Arm, build_arm_space
 from planners.local_planner import local_planner
 from tests.commands import run
 from tests.handmade import MAP_KINDS, configurations, make_map, random_states
-from tests.strategies import seeds
+from tests.strategies import exteriors, seeds
 from tests.urdfs import joint, link, write_urdf
 
 CONFIGURATION = re.compile(r"\(([-+.e\d]+(?:, [-+.e\d]+)+)\)")
@@ -38,7 +38,8 @@ def draw_near_borders(space: CSpace, rng: np.random.Generator, count: int) -> An
     """Draw configurations in the grid, most of them just beside or on borders of cells."""
     grid, dim = space.grid, space.grid.dim
     corners = grid.lower + grid.spacing * rng.integers(0, np.array(grid.shape) + 1, (count, dim))
-    offsets = rng.choice([-1.0, 1.0], (count, dim)) * 10.0 ** rng.uniform(-12, 0, (count, dim)) * grid.spacing
+    signs = rng.choice([-1.0, 1.0], (count, dim))
+    offsets = grid.spacing * signs * 10.0 ** rng.uniform(-12, 0, (count, dim))
     offsets[rng.random((count, dim)) < 0.1] = 0.0
     positions = np.clip(corners + offsets, grid.lower, grid.upper)
     turns = rng.normal(size=(count, len(space.rotations.names)))
@@ -49,8 +50,13 @@ def draw_near_borders(space: CSpace, rng: np.random.Generator, count: int) -> An
 
 
 @settings(max_examples=40)
-@given(seeds, st.sampled_from(MAP_KINDS), st.sampled_from([1e-3, 0.05, 0.3]), st.sampled_from(["free", "blocked"]))
-def test_a_printed_configuration_lies_in_the_same_cell(seed: int, kind: str, spacing: float, outside: str) -> None:
+@given(seeds, st.sampled_from(MAP_KINDS), st.sampled_from([1e-3, 0.05, 0.3]), exteriors)
+def test_a_printed_configuration_lies_in_the_same_cell(
+    seed: int,
+    kind: str,
+    spacing: float,
+    outside: str,
+) -> None:
     rng = np.random.default_rng(seed)
     states = random_states(rng, kind, mixture=(FREE, FREE, MIXED))
     lower = rng.uniform(-3.0, 3.0, states.ndim - 1)
@@ -73,14 +79,17 @@ def build_strip(spacing: float) -> CSpace:
 def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing: float) -> None:
     space = build_strip(spacing)
     start, goal = (20.0 * spacing - 1e-6, 4.5 * spacing), (21.0 * spacing + 1e-7, 4.5 * spacing)
-    for plan in (planners.plan(space, start, goal), planners.plan(space, start, (spacing, spacing))):
+    for end in (goal, (spacing, spacing)):
+        plan = planners.plan(space, start, end)
         first, last = read_configurations(repr(plan))
         assert planners.plan(space, first, last).solved == plan.solved
-        assert read_configurations(repr(pickle.loads(pickle.dumps(plan)))) == [tuple(plan.start), tuple(plan.goal)]
+        without_map = pickle.loads(pickle.dumps(plan))
+        assert read_configurations(repr(without_map)) == [tuple(plan.start), tuple(plan.goal)]
 
 
 def test_few_digits_are_printed_where_they_suffice() -> None:
-    space = build(Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1), Robot.rectangle(0.3, 0.2), rotations=8)
+    workspace = Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1)
+    space = build(workspace, Robot.rectangle(0.3, 0.2), rotations=8)
     text = local_planner(space).format_configuration((1.0 / 3.0, 2.25, math.pi / 7.0))
     assert text == "(0.3333, 2.25, 0.4488)"
 
@@ -92,13 +101,15 @@ def test_the_nearest_configuration_of_an_error_is_taken_when_typed_back() -> Non
     with pytest.raises(ConfigurationError) as refused:
         planners.plan(space, (1012.0, 0.015), (1012.0, 0.015))
     (nearest,) = read_configurations(refused.value.hint)
-    assert nearest == pytest.approx(refused.value.nearest) and planners.plan(space, nearest, nearest).solved
+    assert nearest == pytest.approx(refused.value.nearest)
+    assert planners.plan(space, nearest, nearest).solved
 
 
 def test_a_command_takes_the_nearest_configuration_that_it_printed(tmp_path: Path) -> None:
     occupied = np.zeros((50, 50), dtype=bool)
     occupied[20:30] = True
-    space = build(Workspace.from_array(occupied, 0.01, lower=(12000.0, -7.0)), Robot.rectangle(0.04, 0.02), rotations=12)
+    workspace = Workspace.from_array(occupied, 0.01, lower=(12000.0, -7.0))
+    space = build(workspace, Robot.rectangle(0.04, 0.02), rotations=12)
     space.save(tmp_path / "m.zarr")
     goal = "--goal=12000.1,-6.9,0"
     refused = run("plan", tmp_path / "m.zarr", "--start=12000.24,-6.7,0.3", goal)
@@ -111,9 +122,11 @@ def test_a_command_takes_the_nearest_configuration_that_it_printed(tmp_path: Pat
 def test_joints_at_their_limits_are_taken_when_typed_back(tmp_path: Path) -> None:
     pytest.importorskip("yourdfpy")
     links = link("base"), link("mast"), link("head", ((0.1, 0.1, 0.1), (0.5, 0, 0)))
-    turns = joint("spin", "base", "mast", limits=(-math.pi, math.pi)), joint("lift", "mast", "head", limits=(-1, 1))
-    space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *links, *turns)))
+    spin = joint("spin", "base", "mast", limits=(-math.pi, math.pi))
+    lift = joint("lift", "mast", "head", limits=(-1, 1))
+    space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *links, spin, lift)))
     plan = planners.plan(space, (-math.pi, 0.123456), (math.pi, 0.5), seed=0)
     start, goal = read_configurations(repr(plan))
     assert plan.solved and planners.plan(space, start, goal, seed=0).solved
-    assert start == pytest.approx(plan.start, abs=1e-3) and goal == pytest.approx(plan.goal, abs=1e-3)
+    assert start == pytest.approx(plan.start, abs=1e-3)
+    assert goal == pytest.approx(plan.goal, abs=1e-3)
