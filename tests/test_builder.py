@@ -235,6 +235,7 @@ def test_a_quarter_turn_of_the_workspace_rotates_the_map(robot, count, seed):
     assert (cspace.build(world, robot, rotations=count).cell_states == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=12)
 @given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, exteriors)
 def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, outside):

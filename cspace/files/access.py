@@ -223,7 +223,12 @@ def read_member(folder: str | os.PathLike[str], name: str, kind: str) -> bytes |
     if not os.path.lexists(file):
         inspect_path(file, kind)  # refuses what no file can be named
         return None
-    return read_bytes(file, kind)
+    try:
+        return read_bytes(file, kind)
+    except FileError:
+        if os.path.lexists(file):
+            raise
+        return None  # another process has just removed it
 
 
 def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> str:
