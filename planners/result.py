@@ -301,11 +301,12 @@ class Plan:
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""
         if not self.solved:
-            between = f"from {_point(self.start)} to {_point(self.goal)} ({', '.join(self.axes)})"
+            start, goal = self._text_of(self.start), self._text_of(self.goal)
+            between = f"from {start} to {goal} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
-        endpoints = " to ".join(map(_point, self.waypoints[[0, -1]]))
+        endpoints = " to ".join(map(self._text_of, self.waypoints[[0, -1]]))
         distance = f", {self.distance_text}" if self.distance_text else ""
         rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
         return [
@@ -314,6 +315,12 @@ class Plan:
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
         ]
+
+    def _text_of(self, q: Floats) -> str:
+        """Format a configuration so that it can be typed back."""
+        if self.space is None:
+            return f"({', '.join(map(repr, q.tolist()))})"
+        return self._edges_on(self.space).format_configuration(q)
 
     @property
     def _proof(self) -> str:
@@ -529,11 +536,6 @@ def _plain(value: object) -> object:
     if isinstance(value, Times):
         return asdict(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _point(q: Floats) -> str:
-    """Format a configuration, shape (size,), with four digits."""
-    return f"({', '.join(f'{x:.4g}' for x in q)})"
 
 
 def _text(seconds: float) -> str:

@@ -72,6 +72,7 @@ def draw_maps(draw: st.DrawFn) -> cspace.CSpace:
 # ---- what is saved is what opens ---------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @given(space=draw_maps(), suffix=st.sampled_from(MAP_SUFFIXES))
 @settings(max_examples=15)
 def test_a_saved_map_opens_equal(space: cspace.CSpace, suffix: str) -> None:
