@@ -115,8 +115,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         >>> import numpy as np, cspace
         >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
         >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
-        >>> space.slice_of
-        array([0, 1, 2, 3, 0, 1, 2, 3])
+        >>> space.slice_of.tolist()
+        [0, 1, 2, 3, 0, 1, 2, 3]
         >>> len(space.slice_rotations)
         4
         """

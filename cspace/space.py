@@ -119,8 +119,8 @@ class CSpace(ConfigurationMap, MapExport):
     >>> occupied = np.zeros((80, 60), dtype=bool)
     >>> occupied[40:42, :45] = True
     >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
-    >>> space.is_free([(1.0, 1.0), (4.1, 1.0)])
-    array([ True, False])
+    >>> space.is_free([(1.0, 1.0), (4.1, 1.0)]).tolist()
+    [True, False]
     >>> space.motion_is_free((1.0, 1.0), (7.0, 1.0))
     False
     >>> space.is_connected((1.0, 1.0), (7.0, 1.0)), space.is_disconnected((1.0, 1.0), (7.0, 1.0))

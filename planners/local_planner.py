@@ -84,6 +84,12 @@ LENGTH_ROUNDING_SHARE: Final = 1e-12
 JOINT_CHECKING_STEP: Final = 0.01
 """Joint distance (rad, m) between states when OMPL itself checks a motion."""
 
+MIN_DIGITS: Final = 4
+"""Fewest significant digits of a printed configuration."""
+
+MAX_DIGITS: Final = 17
+"""Significant digits from which any float is read back unchanged."""
+
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
 
@@ -271,6 +277,19 @@ class LocalPlanner(ABC):
         """
         return exists is not False
 
+    def format_configuration(self, q: ArrayLike) -> str:
+        """Format a configuration with just enough digits to type it back."""
+        given = np.asarray(q, dtype=np.float64)
+        for digits in range(MIN_DIGITS, MAX_DIGITS + 1):
+            texts = [f"{x:.{digits}g}" for x in given.tolist()]
+            if self._stands_for(np.array(texts, dtype=np.float64), given):
+                break
+        return f"({', '.join(texts)})"
+
+    @abstractmethod
+    def _stands_for(self, typed: Floats, q: Floats) -> bool:
+        """Return True if a rounded configuration gets the answers of `q`."""
+
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
@@ -402,12 +421,27 @@ class EdgesOnMap(LocalPlanner):
             return point
         raise self._make_endpoint_error(point, name, inside)
 
+    def _stands_for(self, typed: Floats, q: Floats) -> bool:
+        """Return True if a rounded configuration lies in the cell of `q`, and is as free."""
+        space, dim = self.space, self.space.grid.dim
+        try:
+            points = space.rotations._make_canonical(np.stack([typed, q]), "q")
+        except InputError:  # too few digits for a quaternion of norm 1
+            return False
+        cells = space.grid.cell_of(points[:, :dim])
+        rotation_cells = space.rotations._cells_of(points)
+        if (cells[0] != cells[1]).any() or rotation_cells[0] != rotation_cells[1]:
+            return False
+        is_free = self.straight_checker()
+        first_is_free, second_is_free = (is_free(*point, *point) for point in points.tolist())
+        return first_is_free == second_is_free
+
     def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
         """Make the error for a refused start or goal."""
         space = self.space
         state = space.classify(point)
         if not inside:
-            box = f"from {format_point(space.grid.lower)} to {format_point(space.grid.upper)}"
+            box = f"from {_format_corner(space.grid.lower)} to {_format_corner(space.grid.upper)}"
             problem, rule = f"lies outside the map, which reaches {box}", "a path stays within the map"
         elif self.exact and state != BLOCKED:
             problem = "is in collision or too close to decide"
@@ -421,11 +455,12 @@ class EdgesOnMap(LocalPlanner):
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
-            hint = f"the nearest is {format_point(nearest)}"
+            hint = f"the nearest is {self.format_configuration(nearest)}"
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
             hint = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
-        return ConfigurationError(name, f"{format_point(point)} {problem}", rule, hint, value=point, nearest=nearest)
+        problem = f"{self.format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""
@@ -673,6 +708,14 @@ class JointMotions(LocalPlanner):
         # A joint may have no limits and still not be periodic: if another follows it by half, it repeats after two
         # revolutions.
         return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
+
+    def _stands_for(self, typed: Floats, q: Floats) -> bool:
+        """Return True if rounded joints lie within the limits, and are as free."""
+        try:
+            are_free = np.asarray(self.space.is_free(np.stack([typed, q])))
+        except ConfigurationError:  # rounded beyond a limit
+            return False
+        return bool(are_free[0] == are_free[1])
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal with joints clamped and angles wrapped.
@@ -969,9 +1012,9 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
     return radius
 
 
-def format_point(point: Iterable[float]) -> str:
-    """Format a configuration for a message."""
-    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
+def _format_corner(corner: Iterable[float]) -> str:
+    """Format a corner of a map for a message."""
+    return "(" + ", ".join(f"{x:.6g}" for x in corner) + ")"
 
 
 def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:

@@ -28,7 +28,10 @@ def space():
     (lambda space: planners.plan(space, space.robot, (9, 1)), "start is Robot(disc 0.2 m, in the plane); "),
     (lambda space: cspace.build(space.robot, space.workspace), "workspace is a Robot; it must be a Workspace; "),
     (lambda space: cspace.build(NO_OBSTACLES, space.robot), "workspace is a ndarray; it must be a Workspace; call "),
-    (lambda space: cspace.build(space.workspace, "disc:0.3"), "robot is a str; it must be a Robot; call "),
+    (
+        lambda space: cspace.build(space.workspace, space.workspace),
+        "robot is a Workspace; it must be a Robot; call ",
+    ),
     (lambda space: Workspace.from_array(0.1, NO_OBSTACLES), "spacing is array([[False, "),
     (lambda space: Workspace.from_array(NO_OBSTACLES, (0, 0), 0.1), "spacing is (0, 0); it must be one number "),
     (lambda space: Workspace.from_points(0.1, MANY_POINTS), "spacing is [["),

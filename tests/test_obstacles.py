@@ -81,6 +81,7 @@ class Stage:
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=30)
 @given(worlds(), st.booleans())
 def test_added_moved_and_removed_obstacles_equal_a_rebuild(world: World, queried: bool) -> None:
@@ -94,6 +95,7 @@ def test_added_moved_and_removed_obstacles_equal_a_rebuild(world: World, queried
     check(space, world.build(), world)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=16)
 @given(worlds())
 def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:

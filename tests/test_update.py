@@ -26,6 +26,7 @@ from tests.waiting import write_while_querying
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=35)
 @given(worlds(), st.booleans())
 def test_a_stream_of_updates_equals_a_rebuild(world: World, queried: bool) -> None:
@@ -36,6 +37,7 @@ def test_a_stream_of_updates_equals_a_rebuild(world: World, queried: bool) -> No
         check(space, fresh, world)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=20)
 @given(worlds())
 def test_existing_checkers_follow_updates(world: World) -> None:
@@ -45,6 +47,7 @@ def test_existing_checkers_follow_updates(world: World) -> None:
         check_agreement(ours, checkers(fresh), world)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @pytest.mark.parametrize("kinds", [("plane", "turning"), ("space", "turning in space", "turning in space any way")])
 @settings(max_examples=10)
 @given(st.data())
@@ -63,6 +66,7 @@ def test_exact_queries_and_checkers_follow_updates(kinds: tuple[str, ...], data:
         check_agreement(ours, checkers(fresh, exact=True), world)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=8)
 @given(worlds())
 def test_map_saved_and_opened_between_updates_equals_a_build(
@@ -128,6 +132,7 @@ def test_update_counts_cells_of_every_rotation() -> None:
     assert update.changed == np.count_nonzero(space.cell_states != before)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 def test_a_robot_larger_than_the_map_changes_nothing() -> None:
     space = build_empty_room(robot=Robot.disc(9.0))
     update = space.update(OBSTACLE, (18, 13))

@@ -180,8 +180,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         >>> space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
         >>> space.add_obstacle("post", cspace.Robot.box((0.1, 0.1, 1.0), center=(0.8, 0.0, 0.0)))
         >>> space.add_obstacle("cloud", [(0.0, 0.6, 0.0), (0.0, 0.7, 0.1)], radius=0.01)
-        >>> space.is_free([(0.0,), (1.5708,), (3.0,)])
-        array([False, False,  True])
+        >>> space.is_free([(0.0,), (1.5708,), (3.0,)]).tolist()
+        [False, False, True]
         >>> space.remove_obstacle("post")
         >>> space.is_free((0.0,))
         True
@@ -671,8 +671,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         >>> corner = np.eye(4)
         >>> corner[:2, 3] = 0.5, 0.5
         >>> motion = space.follow_line((0.0, 0.0), "bar", corner)
-        >>> motion.certified, motion.waypoints[-1].round(3), motion.deviation < 1e-3
-        (True, array([0.5, 0.5]), True)
+        >>> motion.certified, motion.waypoints[-1].round(3).tolist(), motion.deviation < 1e-3
+        (True, [0.5, 0.5], True)
         >>> corner[1, 3] = 2.0
         >>> motion = space.follow_line((0.0, 0.0), "bar", corner)
         >>> motion.certified, round(motion.fraction, 3), motion.stopped_by

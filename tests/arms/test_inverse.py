@@ -198,7 +198,7 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
     np.testing.assert_allclose(pose, rounded, atol=1e-6)
     assert (goal.frame, goal.tolerance) == ("tool0", (0.01, math.inf))
     assert PoseGoal("tool0", rounded).tolerance == (1e-4, 1e-3)
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError):
         pose[0, 0] = 2.0
     copied = pickle.loads(pickle.dumps(goal))
     np.testing.assert_array_equal(copied.pose, goal.pose)
