@@ -269,10 +269,10 @@ def test_update_accepts_cells_of_any_type() -> None:
     ("keeper", "rotations"),
     [
         ("overlaps.Sums", None),
-        ("mip.OccupancyPyramid", None),
+        ("distance.DistanceMap", None),
         ("components.Components", None),
         ("components.Components", 4),
-        ("mip.OccupancyPyramid", 4),
+        ("distance.DistanceMap", 4),
     ],
 )
 def test_interrupted_update_leaves_a_correct_map(

@@ -22,9 +22,6 @@ from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
 
 Costs = NDArray[np.float32]
-Levels = NDArray[np.uint16]
-"""Distances from cells to the nearest one that is not FREE, in 64ths of a cell."""
-
 Position = tuple[int, int, int]
 GridCell = tuple[int, int, int, int]
 """Rotation cell, and position along three axes."""
@@ -76,22 +73,7 @@ WAITING_ENTRIES, LOWEST_USED_BUCKET, FIRST_FREE_ENTRY, ENTRIES_IN_USE, GOAL_COST
 """Indices into :attr:`Trace.state`."""
 
 
-class CellFactors(NamedTuple):
-    """Factors of the cost of moves in each cell, by its level of clearance.
-
-    Attributes
-    ----------
-    levels : ndarray of uint16, shape (n,)
-        Level of each cell of all slices in a row; empty if all factors are 1.
-    of_level : ndarray of float32, shape (65536,)
-        Factor at each level, 1 or above; higher levels have no higher factors.
-    """
-
-    levels: Levels
-    of_level: Costs
-
-
-NO_FACTORS: Final = CellFactors(np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.float32))
+NO_FACTORS: Final[Costs] = np.empty(0, dtype=np.float32)
 """Factors of the plain length."""
 
 
@@ -121,8 +103,9 @@ class Graph(NamedTuple):
         Change of the cell's index, and length in cells, of each move.
     parts : ndarray of int64, shape (m,)
         Bit mask of the moves to the cells that each move touches.
-    factors : CellFactors
-        The cost of a move or rotation is its length, times the mean factor of the cells at its ends.
+    factors : ndarray of float32, shape (n,)
+        Factor of each cell of all slices in a row, 1 or above; empty if all are 1. The cost of a move or rotation is
+        its length, times the mean factor of the cells at its ends.
     """
 
     cells: Cells
@@ -135,7 +118,7 @@ class Graph(NamedTuple):
     steps: Ints
     lengths: Floats
     parts: Ints
-    factors: CellFactors = NO_FACTORS
+    factors: Costs = NO_FACTORS
 
     @classmethod
     def of(
@@ -144,7 +127,7 @@ class Graph(NamedTuple):
         slice_of: Ints,
         neighbors: Ints,
         turns: Floats,
-        factors: CellFactors = NO_FACTORS,
+        factors: Costs = NO_FACTORS,
     ) -> Graph:
         """Build the graph of a map from its states.
 
@@ -435,16 +418,16 @@ class Coarse:
         """
         self._write(np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)]))
 
-    def highest(self, levels: Levels) -> Levels:
-        """Return the highest level in each block, in a row; ``levels`` has shape (slices, ...)."""
+    def lowest(self, factors: Costs) -> Costs:
+        """Return the lowest factor in each block, in a row; ``factors`` has shape (slices, ...)."""
         rows = []
         for first, stop in itertools.pairwise(self._first.tolist()):
-            top = levels[self._slices[first]]
+            least = factors[self._slices[first]]
             for s in self._slices[first + 1 : stop]:
-                top = np.maximum(top, levels[s])
-            for axis, count in enumerate(levels.shape[1:]):
-                top = np.maximum.reduceat(top, range(0, count, self.block), axis=axis)
-            rows.append(top.reshape(-1))
+                least = np.minimum(least, factors[s])
+            for axis, count in enumerate(factors.shape[1:]):
+                least = np.minimum.reduceat(least, range(0, count, self.block), axis=axis)
+            rows.append(least.reshape(-1))
         return np.concatenate(rows)
 
     def _write(self, box: Ints) -> None:
@@ -483,7 +466,6 @@ class Guides:
         each = (group_of, GUIDE_BLOCKS[0]), (np.zeros_like(order), GUIDE_BLOCKS[1])
         self._levels = [Coarse(cells_of(states), slice_of, shape, *level) for level in each]
         self._turn, self._dim = float(turns.max(initial=0.0)) * count, dim
-        self._highest: tuple[Levels | None, list[Levels]] = None, []
 
     def refresh(self, boxes: Ints) -> None:
         """Recompute the copies around changes.
@@ -493,19 +475,16 @@ class Guides:
         for level in self._levels:
             level.refresh(boxes)
 
-    def all(self, levels: Levels | None = None, of_level: Costs = NO_FACTORS.of_level) -> list[Guide]:
+    def all(self, factors: Costs | None = None) -> list[Guide]:
         """List the guides, finest first.
 
-        With ``levels`` of clearance, shape (slices, ...), the factors of each block are those of its highest level.
+        With ``factors`` of cells, shape (slices, ...), the factor of a block is the lowest of its cells.
         """
-        if levels is None:
+        if factors is None:
             return [self._guide(level, NO_FACTORS) for level in self._levels]
-        if self._highest[0] is not levels:
-            self._highest = levels, [level.highest(levels) for level in self._levels]
-        pairs = zip(self._levels, self._highest[1], strict=True)
-        return [self._guide(level, CellFactors(highest, of_level)) for level, highest in pairs]
+        return [self._guide(level, level.lowest(factors)) for level in self._levels]
 
-    def _guide(self, level: Coarse, factors: CellFactors) -> Guide:
+    def _guide(self, level: Coarse, factors: Costs) -> Guide:
         """Return the guide of a coarse copy."""
         count = len(level.states)
         order = np.arange(count)
@@ -650,7 +629,7 @@ def _estimate(graph: Graph, by: Heuristic, start: Position, goal: Position, rota
 @kernel
 def _factor_at(graph: Graph, cell: int) -> float:
     """Return the factor of a cell of the slices."""
-    return float(graph.factors.of_level[graph.factors.levels[cell]])
+    return float(graph.factors[cell])
 
 
 @kernel
@@ -668,7 +647,7 @@ def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
     free_entry, n_used = int(state[FIRST_FREE_ENTRY]), int(state[ENTRIES_IN_USE])
     goal_cost = state[GOAL_COST]
     degree, greedy = straight + graph.neighbors.shape[1], len(cost_to) == 0
-    weighs = len(graph.factors.levels) > 0
+    weighs = len(graph.factors) > 0
     # If estimates are not consistent, cells would be expanded very often again for little gain.
     is_rough = task.greed > 1.0 or task.heuristic.block > 1
     _, start_i, start_j, start_k = _split_index(graph, task.start % size)

@@ -65,7 +65,7 @@ def test_steps_of_a_chain_touch_only_free_cells(greed, state, random):
         return
     start, goal = (np.append(0, free[random.randrange(len(free))]) for _ in range(2))
     no_rotations = np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64), np.zeros((1, 0))
-    graph = Graph.of(read_only(state[None]), *no_rotations, [False] * state.ndim)
+    graph = Graph.of(read_only(state[None]), *no_rotations)
     cells = graph.chain(start, goal, math.inf, greed=greed)
     if len(cells):
         assert (cells[0] == start).all() and (cells[-1] == goal).all()
