@@ -835,10 +835,9 @@ class CarCurves(EdgesOnMap):
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
         from planners.car_curves import curve_cost
+        from planners.integrals import bind_cost
 
-        fixed = (self.space._kernel_map, field, density, (self.kind, self.radius))
-        query = bind_kernel(curve_cost, fixed, (0.0,) * 6)
-        return lambda *endpoints: query(endpoints)
+        return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius))
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.

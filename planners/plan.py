@@ -159,7 +159,7 @@ def plan(
     edge from start to goal is free. OMPL's messages are held back while it runs.
 
     *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map also computes
-    components and free blocks and compiles functions; these times are not limited, see :attr:`Plan.times`.
+    components and compiles functions; these times are not limited, see :attr:`Plan.times`.
 
     *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends at once if no chain of
     FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no

@@ -792,7 +792,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         scene = self._snapshot.outer
         return lambda parts, out: _prove(scene, self._rows(parts, ("q",)), out)
 
-    def _edges(self, number: int, exact: bool) -> Query:
+    def _edges(self, exact: bool) -> Query:
         """Return the query that proves motions free."""
         scene = self._snapshot.outer
         return lambda parts, out: _prove(scene, self._rows(parts, ("q0", "q1")), out)
