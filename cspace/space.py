@@ -48,7 +48,7 @@ from cspace.map.storage import (
 )
 from cspace.raster import Raster
 from cspace.rotations import Rotations
-from cspace.rotations.base import shorter
+from cspace.rotations.base import beside, shorter
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
 from cspace.threads import MIN_ITEMS_PER_THREAD
@@ -532,7 +532,9 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.paths import in_time, path_length, pulled_straight
 
         endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        until, rotations, check = clock() + seconds, self.rotations, self.edge_checker(exact=True)
+        endpoints[1] = np.where(self.periodic_axes, beside(endpoints[1], endpoints[0]), endpoints[1])
+        until, rotations = clock() + seconds, self.rotations
+        check = below_half_a_turn(self.edge_checker(exact=True), self.periodic_axes)
         if straight and check(*endpoints[0], *endpoints[1]):
             return endpoints
         through_free = endpoints[:0]
@@ -543,8 +545,8 @@ class CSpace(ConfigurationMap, MapExport):
             max_length = path_length(through_free, rotations) if len(through_free) else math.inf
             paths.append(self._path_through_mixed(endpoints, check, max_length, until))
         if straight:
-            checked = in_time(below_half_a_turn(check, self.periodic_axes), until)
-            paths = [pulled_straight(path, rotations, checked) if len(path) else path for path in paths]
+            in_time_check = in_time(check, until)
+            paths = [pulled_straight(path, rotations, in_time_check) if len(path) else path for path in paths]
         found = [path for path in paths if len(path)]
         return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
 

@@ -17,6 +17,7 @@ from cspace.arrays import FREE, Bools, Floats, Ints
 from cspace.compiling import clock
 from cspace.map.search import open_chain
 from planners.local_planner import EdgesOnMap, Endpoints
+from planners.states import kind_of
 
 DRAWS_PER_CELL: Final = 2000
 """Number of configurations drawn for each cell of a passage."""
@@ -58,7 +59,7 @@ class Passages:
             if len(chain):
                 path = self._follow(chain, ends, closed)
                 if len(path):
-                    return path
+                    return kind_of(space).unwind(path)
             elif not closed.any():
                 break
             else:

@@ -1,6 +1,7 @@
 """Maps of two and three joints, against shapely and FCL."""
 
 import copy
+import itertools
 import pickle
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,10 @@ import planners
 from benchmarks.suites.arm_peers import Meshes, coal_solids, our_solids
 from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map, undecided_pairs
+from cspace.compiling import clock
 from cspace.errors import ConfigurationError, InputError
+from planners.local_planner import local_planner
+from planners.passages import Passages
 from tests.arms.test_space import draw_scene
 from tests.maps import proven_paths
 from tests.refusals import refusals
@@ -337,6 +341,44 @@ def test_paths_cross_the_seam(tmp_path: Path) -> None:
         assert not meets_posts(path, ((0.7, 0.0, 0.3),)).any()
     with_wall = build_joint_map(build_periodic_arm(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
     assert with_wall.is_disconnected(left, right)
+
+
+OBSTACLES = ((1.6, 0.0, 0.3), (0.7, 1.1, 0.3))
+"""Posts in front of the arm; the shorter way round is behind it."""
+
+ACROSS_HALF_A_TURN = ((3.0, 0.4), (-3.0, 0.4), (2.2, 2.9), (-2.4, -2.9), (2.0, 2.5), (-1.5, -2.5), (-0.7, 1.0))
+
+
+@pytest.mark.parametrize("elbow", [{"limits": None, "kind": "continuous"}, {"limits": (-3.0, 3.0)}])
+@pytest.mark.parametrize("spacing", [0.3, 2.2])
+@pytest.mark.parametrize("planner", [None, "Grid", "RRTConnect"])
+def test_certified_trajectories_meet_no_obstacle(
+    tmp_path: Path, elbow: dict[str, Any], spacing: float, planner: str | None
+) -> None:
+    space = build_periodic_arm(tmp_path, OBSTACLES, **elbow)
+    joint_map, found = build_joint_map(space, spacing), 0
+    for start, goal in itertools.permutations(ACROSS_HALF_A_TURN, 2):
+        plan = planners.plan(joint_map, start, goal, planner=planner, exact=True, seed=1, time_limit=5.0)
+        if plan.certified:
+            trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+            positions = trajectory.sample(np.linspace(0.0, trajectory.duration, 500))[0]
+            assert not meets_posts(positions, OBSTACLES).any()
+            found += 1
+    assert found
+
+
+@pytest.mark.parametrize("elbow", [{"limits": None, "kind": "continuous"}, {"limits": (-3.0, 3.0)}])
+def test_paths_through_passages_of_wide_cells_meet_no_obstacle(tmp_path: Path, elbow: dict[str, Any]) -> None:
+    """Samples reach beyond the next cell, which is more than half a turn."""
+    joint_map = build_joint_map(build_periodic_arm(tmp_path, OBSTACLES, **elbow), 2.2)
+    edges, found = local_planner(joint_map, exact=True), 0
+    for seed, ends in enumerate(itertools.permutations(ACROSS_HALF_A_TURN[2:6], 2)):
+        path = Passages(edges, np.random.default_rng(seed), clock() + 5.0).find(ends)
+        if len(path):
+            rows = np.concatenate([np.linspace(*edge, 200) for edge in itertools.pairwise(path)])
+            assert not meets_posts(rows, OBSTACLES).any()
+            found += 1
+    assert found
 
 
 @pytest.mark.parametrize("cells", [75, 76])
