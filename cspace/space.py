@@ -532,7 +532,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.paths import in_time, path_length, pulled_straight
 
         endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        endpoints[1] = np.where(self.periodic_axes, beside(endpoints[1], endpoints[0]), endpoints[1])
+        near_q0 = beside(endpoints[1], endpoints[0])
+        endpoints[1] = np.where(self.periodic_axes, near_q0, endpoints[1])
         until, rotations = clock() + seconds, self.rotations
         check = below_half_a_turn(self.edge_checker(exact=True), self.periodic_axes)
         if straight and check(*endpoints[0], *endpoints[1]):
@@ -544,10 +545,10 @@ class CSpace(ConfigurationMap, MapExport):
         if not any(self.periodic_axes):
             max_length = path_length(through_free, rotations) if len(through_free) else math.inf
             paths.append(self._path_through_mixed(endpoints, check, max_length, until))
+        found = [path for path in paths if len(path)]
         if straight:
             in_time_check = in_time(check, until)
-            paths = [pulled_straight(path, rotations, in_time_check) if len(path) else path for path in paths]
-        found = [path for path in paths if len(path)]
+            found = [pulled_straight(path, rotations, in_time_check) for path in found]
         return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
 
     def _path_through_mixed(
