@@ -300,8 +300,14 @@ class Arm:
     ) -> Floats:
         """Return configurations that bring a frame to a pose: its inverse kinematics.
 
-        Damped least squares from up to 256 starts: ``near``, then random ones. Collisions are not tested; see
-        :meth:`ArmSpace.is_free`.
+        Damped least squares from ``near``, then from random starts, until 64 starts in a row find
+        nothing new, at most 256. Collisions are not tested; see :meth:`ArmSpace.is_free`.
+
+        The result is not complete. A branch that few starts lead to may be missing. If the joints
+        can move without moving the frame, the configurations are a sample of infinitely many. If
+        several whole turns of a joint lie within its limits, only the nearest to ``near`` counts. So
+        a pose out of reach of all starts is not proven out of reach. More ``max_solutions`` and other
+        seeds find more.
 
         Parameters
         ----------
@@ -316,7 +322,8 @@ class Arm:
             Configuration that gives the values of all joints that do not move the frame. By default they are at zero,
             or at their nearest limit.
         max_solutions : int
-            Largest number of configurations. A 6-joint arm has up to 16 for each pose, a 7-joint arm infinitely many.
+            Largest number of configurations. A 6-joint arm has up to 16 for each pose, a ur5 up to
+            8, a 7-joint arm infinitely many.
         seed : int
             Seed of the random starts.
 
