@@ -487,7 +487,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.paths import in_time, path_length, pulled_straight
 
         endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        until, rotations, check = clock() + seconds, self.rotations, self.edge_checker(exact=True)
+        until, rotations = clock() + seconds, self.rotations
+        check = self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
             return endpoints
         through_free = endpoints[:0]
@@ -495,10 +496,10 @@ class CSpace(ConfigurationMap, MapExport):
             through_free = self._free_path(endpoints[0], endpoints[1], straight, seconds)
         max_length = path_length(through_free, rotations) if len(through_free) else math.inf
         paths = [through_free, self._path_through_mixed(endpoints, check, max_length, until)]
-        if straight:
-            checked = in_time(check, until)
-            paths = [pulled_straight(path, rotations, checked) if len(path) else path for path in paths]
         found = [path for path in paths if len(path)]
+        if straight:
+            in_time_check = in_time(check, until)
+            found = [pulled_straight(path, rotations, in_time_check) for path in found]
         return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
 
     def _path_through_mixed(
