@@ -31,7 +31,7 @@ from cspace.engines.slices import (
     slice_rasters,
 )
 from cspace.errors import InputError, UnitWarning, warn_user
-from cspace.grid import Grid
+from cspace.grid import SLACK, Grid
 from cspace.limits import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import OUTSIDES, Exterior
@@ -366,9 +366,10 @@ def _may_fit(sides: Floats, room: Floats, rotations: Rotations) -> bool:
     """
     mixed_axes = {0: [[0], [1], [2]], 1: [[0, 1], [2]]}.get(len(rotations.names), [[0, 1, 2]])
     groups = [axes for axes in mixed_axes if axes[0] < len(sides)]
-    return all(sides[axes].max() <= np.linalg.norm(room[axes]) for axes in groups)
+    diagonals = [(1.0 + SLACK) * float(np.linalg.norm(room[axes])) for axes in groups]
+    return all(sides[axes].max() <= most for axes, most in zip(groups, diagonals, strict=True))
 
 
 def _sides_text(sides: Floats) -> str:
     """Format the sides of a box, metres."""
-    return " x ".join(f"{side:.4g} m" for side in sides)
+    return " x ".join(f"{side:.6g} m" for side in sides)

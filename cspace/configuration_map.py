@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
+from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace.check import check_not_negative
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
@@ -304,11 +304,16 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @overload
     def clearance(self, q: ConfigurationBatch) -> Floats: ...
     def clearance(self, q: ArrayLike) -> float | Floats:
-        """Return the distance to configurations that are not FREE.
+        """Return a lower bound of the distance to configurations that are not FREE.
 
-        It is the distance, in the translation, to the nearest one. The value is a proven lower bound, equal to the
-        distance except for rounding, inside and outside the grid. It is zero if the configuration is not FREE and
-        infinite if every configuration is FREE. No array of the map's size is computed.
+        The distance is in the translation, to the nearest one. The bound is proven. At the center of a cell, it is the
+        distance but for rounding; elsewhere in the grid, it is less than 1.42 cells below in the plane and 1.74 in
+        space, on average 0.1 to 0.2. Outside the grid, it is at least the distance to the box around the grid and all
+        cells that are not FREE. It is zero if the configuration is not FREE, and infinite if every configuration at its
+        rotation is FREE.
+
+        The first query at a rotation computes the distances of all cells there, 4 bytes each, and so does the first one
+        after an update: some 20 ms for a million cells.
 
         In a map in a store, distances are limited to 64 cells in the plane and 16 in space, because a window is opened
         around each configuration in turn.
@@ -355,23 +360,13 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def _frees(self, exact: bool) -> Query:
         return self._backend.query(self._exact.points) if exact else partial(_are_free, self._classify())
 
-    def _edges(self, number: int, exact: bool) -> Query:
-        """Return the query that tests edges.
-
-        It is chosen for ``number`` edges; with ``exact``, geometry decides.
-        """
+    def _edges(self, exact: bool) -> Query:
+        """Return the query that tests edges; with ``exact``, geometry decides."""
         from cspace.map.edges import edges_are_free
 
         if exact:
             return self._backend.query(self._exact.edges, least=MIN_EDGES_PER_THREAD)
-        return self._backend.query(edges_are_free, self._blocks(number), passed=True, least=MIN_EDGES_PER_THREAD)
-
-    def _blocks(self, number: int) -> Words | None:
-        """Return the occupancy bits of blocks, if useful.
-
-        They are useful if they pay off for a ``number`` of edges.
-        """
-        return None
+        return self._backend.query(edges_are_free, passed=True, least=MIN_EDGES_PER_THREAD)
 
     @abstractmethod
     def _clearances(self) -> Query:

@@ -159,15 +159,14 @@ class ConfigurationSpace(SpaceView, ABC):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        return evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact), self._angles)
+        return evaluate_edges(q0, q1, self.size, self._edges(exact), self._angles)
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Return whether each edge is proven collision-free.
 
         The edges belong to a path, to several paths, or to a roadmap. Edges are straight and rotate along the shorter
         arc, as OMPL interpolates, and answers are as for :meth:`motion_is_free`; for arms see
-        :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads, and on a map in larger steps through
-        blocks of FREE cells.
+        :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads.
 
         Parameters
         ----------
@@ -206,12 +205,12 @@ class ConfigurationSpace(SpaceView, ABC):
         points = self._check_configurations(path, "path")
         if edges is not None:
             pairs = check_pairs(edges, points)
-            return evaluate_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
+            return evaluate_pairs(np.ascontiguousarray(points), pairs, self._edges(exact))
         if points.ndim < 2 or points.shape[-2] == 0:
             rule, hint = "a path has at least one configuration", f"pass an array of shape (n, {self.size})"
             raise InputError("path", f"has shape {points.shape}", rule, hint, value=path)
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
-        return np.asarray(evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact)))
+        return np.asarray(evaluate_edges(q0, q1, self.size, self._edges(exact)))
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[TileSubproblem]:
         """Split a planning problem into parts.
@@ -232,11 +231,8 @@ class ConfigurationSpace(SpaceView, ABC):
         """Return the kernel that tests whether configurations are free."""
 
     @abstractmethod
-    def _edges(self, number: int, exact: bool) -> Query:
-        """Return the kernel that tests edges.
-
-        It is chosen for a ``number`` of edges.
-        """
+    def _edges(self, exact: bool) -> Query:
+        """Return the kernel that tests edges."""
 
 
 TileSubproblem = tuple[Callable[[], ConfigurationSpace], Floats, Floats]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States, Words
+from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
 from cspace.check import check_count, check_finite, check_flag, check_positive, check_rng
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
@@ -28,7 +28,6 @@ from cspace.map.batches import (
     as_contiguous,
     as_points,
     evaluate_batch,
-    in_spatial_order,
     in_threaded_chunks,
 )
 from cspace.map.contents import Contents
@@ -37,7 +36,6 @@ from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.storage import (
     Map,
     PackedStates,
-    Stack,
     cells_of,
     check_bytes,
     count_states,
@@ -54,13 +52,11 @@ from cspace.workspace import Workspace, copy_workspace
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
     from cspace.exact.proofs import ExactQueries
-    from cspace.map.clearance import Inflation
     from cspace.map.components import Components
-    from cspace.map.mip import OccupancyBits, OccupancyPyramid
+    from cspace.map.distance import DistanceMap, Distances
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.map.search import Costs
-    from cspace.map.widest import Widest
     from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Change, Update, Updater
 
@@ -98,8 +94,8 @@ class CSpace(ConfigurationMap, MapExport):
     axis. Use :func:`cspace.build` to make a map and :func:`cspace.open` to read a saved one.
 
     A query of one configuration, shape (size,), returns a Python number; a query of a batch, shape (..., size), returns
-    an array of shape (...). Queries are compiled and may run in several threads at once. Labels, sums and occupancy
-    bits are computed at the first call and cached; copies and pickles of the map leave them out. Yaw is in radians, and
+    an array of shape (...). Queries are compiled and may run in several threads at once. Labels, sums and distances
+    are computed at the first call and cached; copies and pickles of the map leave them out. Yaw is in radians, and
     wrapped. A quaternion and its negative are the same rotation; the norm must be 1 within 1e-6.
 
     With ``outside="blocked"``, a configuration outside the grid is BLOCKED if the robot is proven to leave the
@@ -369,14 +365,16 @@ class CSpace(ConfigurationMap, MapExport):
     def clearance_checker(self) -> Callable[..., float]:
         """Return a fast ``clearance`` of floats, for callbacks.
 
+        It computes the distances of all cells, and again at its first call after an update.
+
         Returns
         -------
         callable
             ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
-        from cspace.map.clearance import checker
+        from cspace.map.distance import clearance_checker
 
-        return checker(self._kernel_map, self._live_marks, self.size)
+        return clearance_checker(self._kernel_map, self._distances, self.size)
 
     # ---- paths through FREE cells ------------------------------------------------------------------------------------
 
@@ -489,7 +487,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.paths import in_time, path_length, pulled_straight
 
         endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        until, rotations, check = clock() + seconds, self.rotations, self.edge_checker(exact=True)
+        until, rotations = clock() + seconds, self.rotations
+        check = self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
             return endpoints
         through_free = endpoints[:0]
@@ -497,10 +496,10 @@ class CSpace(ConfigurationMap, MapExport):
             through_free = self._free_path(endpoints[0], endpoints[1], straight, seconds)
         max_length = path_length(through_free, rotations) if len(through_free) else math.inf
         paths = [through_free, self._path_through_mixed(endpoints, check, max_length, until)]
-        if straight:
-            checked = in_time(check, until)
-            paths = [pulled_straight(path, rotations, checked) if len(path) else path for path in paths]
         found = [path for path in paths if len(path)]
+        if straight:
+            in_time_check = in_time(check, until)
+            found = [pulled_straight(path, rotations, in_time_check) for path in found]
         return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
 
     def _path_through_mixed(
@@ -560,28 +559,25 @@ class CSpace(ConfigurationMap, MapExport):
         q1: ArrayLike,
         straight: bool,
         seconds: float,
-        factor_at: Callable[[Floats], Floats],
+        factor_at: Callable[[Distances], Costs],
         cost: Callable[..., float],
     ) -> Floats:
         """Find a path of low cost, at most that of the path of :meth:`find_path`, as :meth:`_free_path`.
 
-        ``factor_at`` returns the cost of a metre at clearances, shape (n,), in metres; it does not increase. ``cost``
+        ``factor_at`` returns the cost of a metre at an array of clearances in metres; it does not increase. ``cost``
         integrates it along an edge, given by the coordinates of two configurations.
         """
         from cspace.map.paths import edge_costs, in_time, pulled_straight
-        from cspace.map.widest import LEVELS_PER_CELL, MAX_LEVEL
 
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        levels = self._update_clearance_levels().levels
-        clearances = np.arange(MAX_LEVEL + 1, dtype=np.float64) * (self.grid.spacing / LEVELS_PER_CELL)
-        factors = factor_at(clearances).astype(np.float32)
+        factors = factor_at(self._search_distances() * np.float32(self.grid.spacing))
         until = clock() + seconds
         paths = [self._free_path(endpoints[0], endpoints[1], straight, seconds)]
         if straight and len(paths[0]):
             check = in_time(self.edge_checker(), until)
             paths.append(pulled_straight(paths[0], self.rotations, check, cost))
         with suppress(TimeoutError):
-            paths.append(self._path_along_chain(endpoints, straight, until - clock(), factors[levels], cost))
+            paths.append(self._path_along_chain(endpoints, straight, until - clock(), factors, cost))
         found = [path for path in paths if len(path)]
         return min(found, key=lambda path: float(edge_costs(path, cost).sum()), default=endpoints[:0])
 
@@ -629,9 +625,9 @@ class CSpace(ConfigurationMap, MapExport):
         steepest ascent of clearance, so that the endpoints do not limit the rest. The chain between is a shortest one,
         counting a radian as half a metre, and is then shortened without losing clearance. The path is deterministic.
 
-        Clearance is :meth:`clearance` at the centers of cells, rounded down to a 64th of a cell and limited to 1024
-        cells; between centers, it may be less by half a cell's diagonal. Chains stay in the grid, also if the outside
-        is free.
+        Clearance is the distance of :meth:`clearance` at the centers of cells, rounded down to a 64th of a cell and
+        limited to 1024 cells; between centers, it may be less by half a cell's diagonal. Chains stay in the grid, also
+        if the outside is free.
 
         Parameters
         ----------
@@ -661,27 +657,23 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
-        from cspace.map.widest import find_widest_path
+        from cspace.map.widest import WidthMap, find_widest_path
 
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        widest, kernel_map = self._update_clearance_levels(), self._kernel_map
+        widths = WidthMap(self._search_distances(), self._slice_of, self.rotations, self._turn_costs)
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
-        join = partial(self._components_of, exterior_open=np.zeros(len(self._seen), dtype=np.bool_))
-        path = find_widest_path(widest, kernel_map, self.grid, both, join, straight, until)
+        path = find_widest_path(widths, self._kernel_map, self.grid, both, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
 
-    def _update_clearance_levels(self) -> Widest:
-        """Return the levels of all cells after the last update; raise InputError if they do not fit into memory."""
-        from cspace.map.widest import WIDEST_BYTES_PER_CELL
+    def _search_distances(self) -> Distances:
+        """Return the distance of each cell, by slice; raise InputError if a search does not fit into memory."""
+        from cspace.map.widest import SEARCH_BYTES_PER_CELL
 
-        cells = self.grid.size * len(self.rotations)
-        needed, fewer = WIDEST_BYTES_PER_CELL * cells, self.rotations._argument_for_fewer
-        check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
-        with self._lock:
-            # A new object, because searches in other threads may still read the old levels.
-            widest = vars(self)["_clearance_levels"] = self._clearance_levels.updated(self._kernel_map, self._seen)
-        return widest
+        needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
+        fewer = self.rotations._argument_for_fewer
+        check_memory(needed, "the map, to search it by clearance,", self.grid, fewer=fewer)
+        return self._distances.array()
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -770,8 +762,8 @@ class CSpace(ConfigurationMap, MapExport):
         overlap field is dropped, because it belongs to the old obstacles. A map built without ``inner`` gets no BLOCKED
         cells, also after it is saved and opened.
 
-        Caches are refreshed at the next query, except for the counts of FREE cells of :meth:`sample_free` and the
-        geometry for ``exact=True``, which are computed anew.
+        Caches are refreshed at the next query, except for the counts of FREE cells of :meth:`sample_free`, the
+        distances of :meth:`clearance` and the geometry for ``exact=True``, which are computed anew.
 
         Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`, :meth:`reachable_bounds`,
         :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies, pickles and forks. Any other query of another
@@ -931,8 +923,7 @@ class CSpace(ConfigurationMap, MapExport):
         if change.changed:
             CSpace._free_cells.drop(self)
             CSpace._components.drop(self)
-            for part in (CSpace._mip, CSpace._clearance_levels, CSpace._inflation):
-                part.refresh(self, change.states)
+            CSpace._distances.refresh(self)
         CSpace._exact.refresh(self, self._problem)
 
     # ---- overlap fields ----------------------------------------------------------------------------------------------
@@ -982,16 +973,13 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:
             write(replace(self._contents, exterior=self._exterior) if exterior else self._contents)
 
-    def _inflated(self, limit: float, number: int | None) -> Floats:
-        """Return the clearance at each cell's center.
+    def _clearances_of_cells(self, number: int | None) -> Floats:
+        """Return the clearance at each cell's center, in metres: in one slice, or the largest of all slices."""
+        from cspace.map.distance import ROUNDING_FACTOR
 
-        It is in cells, in one slice or the largest of all slices. Values above ``limit`` become infinite.
-        """
-        from cspace.map.clearance import slice_clearances
-
-        if number is None:
-            return self._inflation.clearances(limit)
-        return slice_clearances(self._seen[number], self._exterior.table[number], limit)
+        distances = self._distances
+        largest = distances.array().max(axis=0) if number is None else distances.slice(number)
+        return largest.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
 
     def _flat_state(self) -> States:
         """Return each cell's state over all rotations.
@@ -1048,32 +1036,19 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _components(self) -> Components:
         """Connected components of the map."""
-        return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
-
-    def _components_of(self, states: Stack, exterior_open: Bools) -> Components:
-        """Label the connected components of states.
-
-        Cells are joined through the exterior of open slices too.
-        """
         from cspace.map.components import Components
 
-        return Components(np.asarray(states), self._slice_of, self.rotations._neighbors, exterior_open)
-
-    @property
-    def _live_marks(self) -> OccupancyBits:
-        """Occupancy bits as input of compiled functions of clearance; they follow updates."""
-        return self._marks(cells=True, eager=True)
-
-    def _marks(self, *, cells: bool, eager: bool = False) -> OccupancyBits:
-        """Return the bits of cells that are not FREE; see :meth:`cspace.map.mip.OccupancyPyramid.marks`."""
-        return self._mip.marks(cells, eager)
+        exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
+        return Components(np.asarray(self._seen), self._slice_of, self.rotations._neighbors, exterior_open)
 
     @lazy
-    def _mip(self) -> OccupancyPyramid:
-        """Pyramid of cells that are not FREE."""
-        from cspace.map.mip import OccupancyPyramid
+    def _distances(self) -> DistanceMap:
+        """Distances of cells to those that are not FREE; they follow updates."""
+        from cspace.map.distance import BYTES_PER_CELL, DistanceMap
 
-        return OccupancyPyramid(self._seen, self._lock)
+        needed, fewer = BYTES_PER_CELL * self._seen.size, self.rotations._argument_for_fewer
+        check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
+        return DistanceMap(self._seen, self._exterior.table, self._lock)
 
     @lazy
     def _runs(self) -> Runs:
@@ -1111,20 +1086,6 @@ class CSpace(ConfigurationMap, MapExport):
         return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
 
     @lazy
-    def _clearance_levels(self) -> Widest:
-        """Clearance levels of all cells, and searches for widest paths over them; computed at first access."""
-        from cspace.map.widest import Widest
-
-        return Widest.of(self._kernel_map, self._seen, self.rotations)
-
-    @lazy
-    def _inflation(self) -> Inflation:
-        """Clearances for costmaps."""
-        from cspace.map.clearance import Inflation
-
-        return Inflation(self._seen, self._exterior.table, self._lock)
-
-    @lazy
     def _point_checker(self) -> Callable[..., bool]:
         """Fast test of configurations."""
         from cspace.map.callbacks import point_checker
@@ -1147,21 +1108,20 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _clearances(self) -> Query:
         """Return the query that computes clearances."""
-        from cspace.map.clearance import clearances
+        return self._write_clearances
 
-        query = self._backend.query(clearances, self._marks(cells=True))
-        return in_spatial_order(query, self.grid.lower, self.grid.upper)
+    def _write_clearances(self, parts: Sequence[Any], out: NDArray[Any]) -> int:
+        """Write clearances of configurations; compute the distances of their slices first."""
+        from cspace.map.distance import clearances
 
-    def _blocks(self, number: int) -> Words | None:
-        """Return the occupancy bits of blocks, if useful.
-
-        They are useful if they pay off for a ``number`` of edges.
-        """
-        from cspace.map.mip import MAX_CELLS_PER_EDGE
-
-        if CSpace._mip.cached(self) is None and number * MAX_CELLS_PER_EDGE < self._seen.size:
-            return None
-        return self._marks(cells=False).blocks
+        table = self._distances.known
+        if table is None:
+            bad = self._classify()(parts, np.empty(len(out), dtype=np.uint8))
+            if bad >= 0:
+                return bad
+            slices = np.unique(self._slice_of[self.rotations._cells_of(np.asarray(parts[0]))])
+            table = self._distances.of_slices(slices.tolist())
+        return self._backend.query(clearances, table)(parts, out)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         """Count the overlaps of the robot with outer or inner cells."""

@@ -21,7 +21,7 @@ from cspace.compiling import jit, kernel
 from cspace.map.points import around_is_free
 from cspace.map.storage import Map
 from cspace.rotations.base import TWO_PI
-from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Field, cost_at
+from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
 Pose = tuple[float, float, float]
 Steering = tuple[int, int, int, int, int]
@@ -99,7 +99,7 @@ def prove_length(
 
 @jit
 def curve_cost(
-    map_: Map, field: Field, density: CostDensity, curve: tuple[int, float], both: tuple[float, ...]
+    map_: Map, field: Values, density: CostDensity, curve: tuple[int, float], both: tuple[float, ...]
 ) -> float:
     """Integrate the cost along the shortest curve between ``both`` configurations.
 

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cspace.arrays import Floats
 from cspace.compiling import bind_kernel, dispatch_on_type, kernel
-from cspace.map.clearance import clearance_at
+from cspace.map.distance import DistanceMap, DistanceTable, clearance_at
 from cspace.map.edges import between
-from cspace.map.mip import OccupancyBits, PlaneMarks, SpaceMarks
 from cspace.map.points import Numbers, replaced
 from cspace.map.storage import Map
 from cspace.space import CSpace
 from cspace.spectral.overlap import field_at
 
-Field = OccupancyBits | Floats | None
-"""Source of a value at each configuration: the clearance, by occupancy bits; an array of cells; or none (zero)."""
+Field = DistanceMap | Floats | None
+"""Source of a value at each configuration: the clearance, by distances; an array of cells; or none (zero)."""
+
+Values = DistanceTable | Floats | None
+"""A field as kernels take it."""
 
 MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 """Largest rotation of an integration step, in radians (5 degrees)."""
@@ -39,7 +41,7 @@ class CostDensity(NamedTuple):
     by_metre: bool = False
 
 
-def value_at(field: Field, map_: Map, q: Numbers) -> float:
+def value_at(field: Values, map_: Map, q: Numbers) -> float:
     """Return a field's value; compiled code dispatches on its type."""
     raise NotImplementedError
 
@@ -48,26 +50,26 @@ def _no_value(field: None, map_: Map, q: Numbers) -> float:
     return 0.0
 
 
-def _clearance(field: OccupancyBits, map_: Map, q: Numbers) -> float:
-    return clearance_at(map_, field, q, math.inf) * map_.spacing
+def _clearance(field: DistanceTable, map_: Map, q: Numbers) -> float:
+    return clearance_at(map_, field, q)
 
 
 def _overlap(field: Floats, map_: Map, q: Numbers) -> float:
     return field_at(map_, field, q)
 
 
-dispatch_on_type(value_at, {object: _no_value, PlaneMarks: _clearance, SpaceMarks: _clearance, np.ndarray: _overlap})
+dispatch_on_type(value_at, {object: _no_value, DistanceTable: _clearance, np.ndarray: _overlap})
 
 
 @kernel
-def cost_at(map_: Map, field: Field, density: CostDensity, q: Numbers) -> float:
+def cost_at(map_: Map, field: Values, density: CostDensity, q: Numbers) -> float:
     """Return the cost of a metre at a configuration."""
     penalty = max(0.0, density.offset + density.slope * value_at(field, map_, q))
     return 1.0 + density.weight * penalty * penalty
 
 
 @kernel
-def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numbers) -> float:
+def straight_edge_cost(map_: Map, field: Values, density: CostDensity, both: Numbers) -> float:
     """Integrate the cost along a straight edge between ``both`` configurations.
 
     The midpoint rule has steps of at most one cell and 5 degrees.
@@ -91,6 +93,14 @@ def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numb
 
 def make_edge_cost(space: CSpace, field: Field, density: CostDensity) -> Callable[..., float]:
     """Make ``cost(*q0, *q1)``, the cost of straight edges."""
-    fixed = (space._kernel_map, field, density)
-    query = bind_kernel(straight_edge_cost, fixed, (0.0,) * (2 * space.size))
-    return lambda *endpoints: query(endpoints)
+    return bind_cost(straight_edge_cost, space, field, density)
+
+
+def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:
+    """Make ``cost(*q0, *q1)`` from ``kernel(map, values, *fixed, both)``; it follows changes of the map."""
+
+    def values() -> Values:
+        return field.whole() if isinstance(field, DistanceMap) else field
+
+    query = bind_kernel(kernel, (space._kernel_map,), values(), *fixed, (0.0,) * (2 * space.size))
+    return lambda *both: query(values(), *fixed, both)

@@ -681,7 +681,7 @@ def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
 
     This wrapper is compiled once, because edge_is_free is long.
     """
-    return edge_is_free(map_, None, q0, q1)
+    return edge_is_free(map_, q0, q1)
 
 
 @jit

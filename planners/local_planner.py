@@ -16,6 +16,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
 
@@ -108,6 +109,25 @@ class Pieces(NamedTuple):
     centers: Floats
     lengths: Floats
     rotations: Floats
+
+
+class MoreGoals:
+    """Further goals of a search, found when it first asks for them.
+
+    Attributes
+    ----------
+    found : list of tuple of float
+        The goals; empty before the first call.
+    """
+
+    def __init__(self, find: Callable[[], list[Configuration]]) -> None:
+        self._find = find
+        self.found: list[Configuration] = []
+
+    def __call__(self) -> list[Configuration]:
+        """Find the goals and return them."""
+        self.found = self._find()
+        return self.found
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +278,15 @@ class LocalPlanner(ABC):
             raise InputError("goal", f"is a pose of {goal.frame!r}", rule, hint, value=goal)
         given = check_finite(goal, "goal")  # type: ignore[arg-type]  # pose goals are not numeric
         return [(self.check_endpoint(given, "goal"), given)]
+
+    def more_goals(
+        self,
+        goal: GoalLike,
+        start: Configuration,
+        seed: int | None,
+    ) -> MoreGoals | None:
+        """Return the goals that :meth:`find_goals` may leave out; None if it leaves out none."""
+        return None
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Name the joints that :meth:`check_endpoint` moves onto their limits.
@@ -759,17 +788,43 @@ class JointMotions(LocalPlanner):
         lengths = self.edge_lengths(np.array(start)[np.newaxis], np.array([checked for checked, _ in goals]))
         return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
 
+    def more_goals(
+        self,
+        goal: GoalLike,
+        start: Configuration,
+        seed: int | None,
+    ) -> MoreGoals | None:
+        """Return further free configurations at poses; None if no goal is a pose."""
+        poses = [each for each in _list_alternatives(goal) if isinstance(each, PoseGoal)]
+
+        def find() -> list[Configuration]:
+            found = list[Configuration]()
+            for pose in poses:
+                with suppress(ConfigurationError):
+                    _, free = self._solve_pose(pose, "goal", start, MAX_SOLUTIONS_PER_POSE, seed)
+                    found += free
+            return found
+
+        return MoreGoals(find) if poses else None
+
+    def _solve_pose(
+        self, goal: PoseGoal, name: str, start: Configuration, count: int, seed: int | None
+    ) -> tuple[Floats, list[Configuration]]:
+        """Return configurations at a pose, the nearest first, and those that are proven free."""
+        points = self.space.arm._solve_pose(goal, name, start, count, seed or 0)
+        points = wrapped(points, self.space.periodic_axes)
+        free = points[np.asarray(self.space.is_free(points))]
+        return points, [tuple(q) for q in free.tolist()]
+
     def _goals_at_pose(
         self, goal: PoseGoal, name: str, start: Configuration, seed: int | None
     ) -> list[tuple[Configuration, ArrayLike]]:
         """Return proven free configurations at a pose, the nearest first."""
         space, contacts = self.space, Counter[tuple[str, str]]()
         for count in (MAX_GOALS_PER_POSE, MAX_SOLUTIONS_PER_POSE):
-            points = space.arm._solve_pose(goal, name, start, count, seed or 0)
-            points = wrapped(points, space.periodic_axes)
-            free = points[np.asarray(space.is_free(points))].tolist()
+            points, free = self._solve_pose(goal, name, start, count, seed)
             if free:
-                return [(tuple(q), q) for q in free[:MAX_GOALS_PER_POSE]]
+                return [(q, q) for q in free[:MAX_GOALS_PER_POSE]]
         contacts.update(space.closest(q)[:2] for q in points)
         ((link, other), number), *_ = contacts.most_common(1)
         problem = (
@@ -835,10 +890,9 @@ class CarCurves(EdgesOnMap):
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
         from planners.car_curves import curve_cost
+        from planners.integrals import bind_cost
 
-        fixed = (self.space._kernel_map, field, density, (self.kind, self.radius))
-        query = bind_kernel(curve_cost, fixed, (0.0,) * 6)
-        return lambda *endpoints: query(endpoints)
+        return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius))
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.

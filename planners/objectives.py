@@ -14,6 +14,7 @@ from cspace.arrays import FREE, Floats
 from cspace.check import check_not_negative, check_positive
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
+from cspace.map.distance import Distances
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from planners.integrals import CostDensity, Field, make_edge_cost
@@ -40,8 +41,8 @@ class WeightedLength(ob.OptimizationObjective):
     si : ompl.base.SpaceInformation
         From a :func:`planners.state_space`.
     space : CSpace
-    field : OccupancyBits or ndarray of float64, optional
-        Source of the value. Occupancy bits of the map give the clearance; an array has the shape of the map's states.
+    field : DistanceMap or ndarray of float64, optional
+        Source of the value. The distances of the map give the clearance; an array has the shape of the map's states.
         The default is the plain length.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
@@ -145,7 +146,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space._live_marks,
+            space._distances,
             offset=1.0,
             slope=-1.0 / threshold,
             weight=weight,
@@ -214,10 +215,11 @@ def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, sec
     space, threshold = edges.space, default_clearance_threshold(edges.space)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
 
-    def factor_at(clearances: Floats) -> Floats:
-        return np.asarray(1.0 + DEFAULT_WEIGHT * np.maximum(0.0, 1.0 - clearances / threshold) ** 2)
+    def factor_at(clearances: Distances) -> Distances:
+        shortfall = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
+        return np.asarray(1.0 + DEFAULT_WEIGHT * shortfall * shortfall)
 
-    search = partial(space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._live_marks, density))
+    search = partial(space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._distances, density))
     return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
 
 

@@ -79,6 +79,12 @@ CLEARANCE: Final = "clearance"
 NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
 """What planners with threads must not do: it would wait for the first thread for ever."""
 
+_WHY_ONE_GOAL: Final = {
+    **dict.fromkeys(THREADED_PLANNERS, NO_SECOND_THREAD),
+    "BFMT": "of OMPL 2.0.1 may end the process if it has several",
+}
+"""Planners that take one goal, with the reason."""
+
 _OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     CLEARANCE: ClearanceObjective,
     "overlap": OverlapObjective,
@@ -159,7 +165,7 @@ def plan(
     edge from start to goal is free. OMPL's messages are held back while it runs.
 
     *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map also computes
-    components and free blocks and compiles functions; these times are not limited, see :attr:`Plan.times`.
+    components and compiles functions; these times are not limited, see :attr:`Plan.times`.
 
     *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends at once if no chain of
     FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no
@@ -182,9 +188,10 @@ def plan(
 
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
     planner and sampler made afterwards draws its own seed, and the random starts of poses. So the same call with the
-    same seed gives the same path, in any process and after any other plans. Searches that the clock ends are an
-    exception: give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search in a
-    second thread, and OMPL used by other threads at the same time.
+    same seed gives the same path, in any process and after any other plans. Searches that the
+    clock ends, or to which it adds configurations at a pose, are an exception: give ``iterations``
+    to planners that use up the time limit. So are PRM and PRMstar, which search in a second thread,
+    and OMPL used by other threads at the same time.
 
     Parameters
     ----------
@@ -194,7 +201,9 @@ def plan(
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
         also be a :class:`cspace.PoseGoal`, or several goals: configurations, shape (n, size), or a list with pose
         goals. Goals that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`.
-        PRM and PRMstar take one configuration.
+        BFMT, PRM and PRMstar take one configuration. A pose becomes at most 16 configurations of
+        :meth:`cspace.Arm.inverse`. If the search takes long, the free ones of 128 join, except with
+        FMT. These are not all configurations at the pose, so "no path found" proves nothing.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search. The
         default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
@@ -299,9 +308,12 @@ def plan(
     limit = check_positive(time_limit, "time_limit", "seconds")
     checked = edges.check_endpoint(start, "start")
     goals, given_goals = zip(*edges.find_goals(goal, checked, search.seed), strict=True)
-    if len(goals) > 1 and name in THREADED_PLANNERS:
-        problem, rule = f"has {len(goals)} configurations and planner is {name!r}", f"{name} {NO_SECOND_THREAD}"
-        raise InputError("goal", problem, rule, "pass one configuration or choose another planner", value=goal)
+    if name not in _WHY_ONE_GOAL:
+        search = replace(search, more_goals=edges.more_goals(goal, checked, search.seed))
+    elif len(goals) > 1:
+        problem = f"has {len(goals)} configurations and planner is {name!r}"
+        hint = "pass one configuration or choose another planner"
+        raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
     task = _Task(edges, (checked, *goals), given_goals, search, objective, limit, planner is not None)
     if name in BUILT_IN_SEARCHES:
         _check_built_in_search(task)
@@ -310,6 +322,10 @@ def plan(
     if exists or task.edges.exact:
         task = _prefer_built_in(task)
     result = _search_tile_by_tile(task, subproblems, exists)
+    if search.more_goals is not None:
+        found = search.more_goals.found
+        all_goals = (*task.given_goals, *found)
+        task = replace(task, endpoints=(*task.endpoints, *found), given_goals=all_goals)
     return _make_plan(task, start, result, exists, began)
 
 
@@ -543,8 +559,9 @@ def _find_path(search: Search, edges: LocalPlanner, endpoints: Endpoints, second
     straight = search.simplify
     if not isinstance(edges, EdgesOnMap):
         start, *goals = endpoints
-        iterations, find = search.iterations if straight else 0, cast(ArmSpace, edges.space).find_path
-        return find(start, goals, straight=straight, iterations=iterations, seed=search.seed, time_limit=seconds), ""
+        space, iterations = cast(ArmSpace, edges.space), search.iterations if straight else 0
+        options = straight, iterations, search.seed, seconds
+        return space._find_path(start, goals, *options, search.more_goals), ""
     if search.planner == LATTICE:
         return find_lattice_path(edges, endpoints, straight, seconds)
     if search.planner == MAX_CLEARANCE:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from cspace.map.mip import OccupancyPyramid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
-from cspace.map.mip import OccupancyPyramid
 from cspace.shapes import Box, Shape, as_shape
 from tests import solids
 from tests.maps import proven_paths

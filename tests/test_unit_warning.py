@@ -118,6 +118,7 @@ def test_a_build_in_tiles_warns_before_the_work(tmp_path: Path) -> None:
 USUAL_ROBOTS: dict[str, tuple[Workspace, Any, dict[str, Any]]] = {
     "point": (PLANE, Robot("point", Point.at_origin(2)), {}),
     "as long as an axis": (PLANE, Robot.rectangle(10, 0.4), {}),
+    "as long, but for rounding": (PLANE, Robot.rectangle(10 + 2e-15, 0.4), {}),
     "turned in a diagonal": (PLANE, Robot.rectangle(12.5, 0.01), {"rotations": 4}),
     "turned upright": (SHELF, Robot.box((0.5, 0.1, 0.1)), {"rotations": Rotations.quaternions(1)}),
     "around a part": (SHELF, Robot.box((4, 4, 1)), {"outside": "free"}),

@@ -273,8 +273,8 @@ def test_update_accepts_cells_of_any_type() -> None:
     ("keeper", "rotations"),
     [
         ("overlaps.Sums", None),
-        ("mip.OccupancyPyramid", None),
-        ("mip.OccupancyPyramid", 4),
+        ("distance.DistanceMap", None),
+        ("distance.DistanceMap", 4),
     ],
 )
 def test_interrupted_update_leaves_a_correct_map(

@@ -76,7 +76,7 @@ class ExactQueries:
         Edges, shapes (n, size), rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
         """
         proofs = self._current_proofs()
-        bad = edges_are_free(map_, None, q0, q1, out)
+        bad = edges_are_free(map_, q0, q1, out)
         if bad < 0:
             _prove(proofs, np.flatnonzero(~out), q0, q1, out)
         return bad
@@ -421,7 +421,7 @@ def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) 
             if (
                 angle_error == 0.0
                 and 0.0 < last - first < 1.0
-                and edge_is_free(map_, None, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
+                and edge_is_free(map_, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
             ):
                 continue
             q = along(map_, q0, q1, arc, center)

@@ -61,8 +61,7 @@ def costmap_of(
     number = None
     if rotation is not None:
         number = int(space.slice_of[int(space.rotations._cells_of(space.rotations._check_rotation(rotation)))])
-    inscribed, spacing = space.robot.inscribed_radius + space.margin, space.grid.spacing
-    clearance = spacing * space._inflated((radius - inscribed) / spacing, number)
+    inscribed, clearance = space.robot.inscribed_radius + space.margin, space._clearances_of_cells(number)
     costs = costs_of(clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius)
     fields = {"metadata.size_x": space.grid.shape[0], "metadata.size_y": space.grid.shape[1]}
     filled = Costmap() if msg is None else msg

@@ -93,12 +93,12 @@ def evaluate_edges(
     q0: ArrayLike,
     q1: ArrayLike,
     size: int,
-    query_for: Callable[[int], Query],
+    query: Query,
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> bool | Bools:
     """Evaluate a query on straight edges between two batches.
 
-    ``query_for(n)`` returns a query for n edges. Raises InputError as :func:`evaluate_batch` does.
+    Raises InputError as :func:`evaluate_batch` does.
     """
     rows0, rows1 = check_rows(q0, "q0", size), check_rows(q1, "q1", size)
     given, shape = ((rows0, "q0"), (rows1, "q1")), rows0.shape
@@ -111,7 +111,7 @@ def evaluate_edges(
         rows0, rows1 = np.broadcast_to(rows0, shape), np.broadcast_to(rows1, shape)
     first, second = rows0.reshape(-1, size), rows1.reshape(-1, size)
     out = np.empty(len(first), dtype=np.bool_)
-    bad = query_for(len(out))([first, second], out)
+    bad = query([first, second], out)
     if bad >= 0:
         raise _unusable_error(np.concatenate([first[bad], second[bad]]), "edge", bad)
     if angles:
@@ -131,35 +131,6 @@ def evaluate_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
     if bad >= 0:
         raise _unusable_error(vertices[pairs[bad]].reshape(-1), "edge", bad)
     return out
-
-
-def in_spatial_order(query: Query, lower: Sequence[float], upper: Sequence[float]) -> Query:
-    """Wrap a query to process batches in spatial order.
-
-    The box from ``lower`` to ``upper`` is divided into parts, whose configurations, or starts of edges, are processed
-    together. Configurations outside belong to the nearest part.
-    """
-    return partial(_fill_in_order, query, lower, upper)
-
-
-def _fill_in_order(
-    query: Query, lower: Sequence[float], upper: Sequence[float], parts: Sequence[NDArray[Any]], out: NDArray[Any]
-) -> int:
-    """Fill ``out`` by a query on sorted rows."""
-    if len(out) < ROWS_PER_COPY:
-        return query(parts, out)
-    side = int(2 ** (16 / len(lower)))
-    key = np.zeros(len(out), dtype=np.uint16)  # numpy sorts 16-bit integers in linear time
-    with np.errstate(over="ignore", invalid="ignore"):  # configurations far outside, or unusable
-        for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):
-            shares = np.fmax((parts[0][:, axis] - low) * (side / (high - low)), 0.0)
-            key = key * np.uint16(side) + np.fmin(shares, side - 1.0).astype(np.uint16)
-    order = np.argsort(key, kind="stable")
-    answers = np.empty_like(out)
-    if query([_SelectedRows(part, order) for part in parts], answers) >= 0:
-        return query(parts, out)  # in the given order, to find the first unusable row
-    out[order] = answers
-    return -1
 
 
 class _SelectedRows:

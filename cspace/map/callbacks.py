@@ -53,7 +53,7 @@ class Edge(NamedTuple):
     def evaluate_edge(self, q0: Numbers, q1: Numbers) -> bool:
         """Return True if both ends are usable and the edge is FREE."""
         rotations = self.map_.rotations
-        return rotations.is_usable(q0) and rotations.is_usable(q1) and edge_is_free(self.map_, None, q0, q1)
+        return rotations.is_usable(q0) and rotations.is_usable(q1) and edge_is_free(self.map_, q0, q1)
 
 
 # Numba calls a function of several floats faster than a function of one tuple.

@@ -10,10 +10,9 @@ import math
 
 import numpy as np
 
-from cspace.arrays import FREE, Bools, Floats, Words
+from cspace.arrays import FREE, Bools, Floats
 from cspace.compiling import always_inline, kernel
 from cspace.grid import SLACK
-from cspace.map.mip import BLOCK_SHIFT, BLOCK_SIDE, ONE
 from cspace.map.points import (
     MAX_POSITION,
     Cell,
@@ -25,20 +24,14 @@ from cspace.map.points import (
     replaced,
     run_is_free,
 )
-from cspace.map.storage import Map, state_in
-
-MIN_PROBE_SHARE = 1.0 / 16.0
-"""Smallest distance of probes on an edge, as a fraction of its length."""
-
-MIN_PROBE_SPACING_CELLS = 2.0
-"""Smallest distance of probes on an edge, in cells."""
+from cspace.map.storage import Map
 
 MIN_EXTENT_CELLS = 2.0**-500
 """Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by it would overflow."""
 
 
 @kernel
-def edges_are_free(map_: Map, blocks: Words | None, starts: Floats, ends: Floats, out: Bools) -> int:
+def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     """Test whether edges are FREE.
 
     Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,). Returns the index of the first
@@ -48,17 +41,16 @@ def edges_are_free(map_: Map, blocks: Words | None, starts: Floats, ends: Floats
         q0, q1 = configuration(map_, starts, edge), configuration(map_, ends, edge)
         if not (is_usable(map_, q0) and is_usable(map_, q1)):
             return edge
-        out[edge] = edge_is_free(map_, blocks, q0, q1)
+        out[edge] = edge_is_free(map_, q0, q1)
     return -1
 
 
 @always_inline
-def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
+def edge_is_free(map_: Map, q0: Numbers, q1: Numbers) -> bool:
     """Return True if an edge is FREE.
 
     All closed cells within SLACK of it must be FREE. Along an edge the position moves straight and the rotation takes
-    the shortest arc. ``blocks`` are those of :class:`cspace.map.mip.OccupancyBits`; if None, the walk over blocks is
-    not compiled.
+    the shortest arc.
     """
     cursor = map_.rotations.first_piece(q0, q1)
     while True:
@@ -69,7 +61,7 @@ def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> b
         for axis in range(len(map_.lower)):
             first = replaced(first, axis, between(q0[axis], q1[axis], start))
             last = replaced(last, axis, between(q0[axis], q1[axis], stop))
-        if not segment_is_free(map_, blocks, slice_index, first, last):
+        if not segment_is_free(map_, slice_index, first, last):
             return False
 
 
@@ -100,7 +92,7 @@ def between(first: float, second: float, t: float) -> float:
 
 
 @always_inline
-def segment_is_free(map_: Map, blocks: Words | None, slice_index: int, first: Numbers, last: Numbers) -> bool:
+def segment_is_free(map_: Map, slice_index: int, first: Numbers, last: Numbers) -> bool:
     """Return True if a segment in one slice is FREE.
 
     It leads from position `first` to `last`, metres.
@@ -120,40 +112,11 @@ def segment_is_free(map_: Map, blocks: Words | None, slice_index: int, first: Nu
     if not inside and map_.exterior[slice_index, 2 * dim] != FREE:
         return False
     slice_ = get_slice(map_, slice_index, inside)
-    if inside:
-        if len(first) == 3 and not probes_are_free(slice_, p, q):  # planar maps compile no probes
-            return False
-        if blocks is not None:
-            return segment_is_free_by_blocks(slice_, blocks, slice_index, p, q)
     low, high = slice_.low, slice_.high
     for axis in range(3):
         low = replaced(low, axis, min(low[axis], 0))
         high = replaced(high, axis, max(high[axis], slice_.shape[axis] - 1))
     return segment_is_free_in_box(slice_, p, q, low, high)
-
-
-@kernel
-def probes_are_free(slice_: Slice, p: Numbers, q: Numbers) -> bool:
-    """Test a few points of a segment.
-
-    They are its end, its middle, its quarters, and so on. The segment leads from `p` to `q`, in cells. Most edges of a
-    planner collide, and probes show it sooner than a walk. If a probe fails, the walk fails too: probes lie on the
-    segment up to rounding, which is far below SLACK.
-    """
-    nx, ny, nz = slice_.shape
-    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    length = max(max(abs(dx), abs(dy)), abs(dz))
-    step = 1.0
-    while step >= MIN_PROBE_SHARE and step * length >= MIN_PROBE_SPACING_CELLS:
-        t = step
-        while t <= 1.0:
-            i, j = min(math.floor(p[0] + t * dx), nx - 1), min(math.floor(p[1] + t * dy), ny - 1)
-            k = min(math.floor(p[2] + t * dz), nz - 1)
-            if state_in(slice_.cells, slice_.start + (i * ny + j) * nz + k) != FREE:
-                return False
-            t += 2.0 * step
-        step *= 0.5
-    return True
 
 
 @always_inline
@@ -204,41 +167,5 @@ def segment_is_free_in_box(slice_: Slice, p: Numbers, q: Numbers, low: Cell, hig
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
             if not run_is_free(slice_, i, j, max(low[2], bottom), min(high[2], top)):
-                return False
-    return True
-
-
-@kernel
-def segment_is_free_by_blocks(slice_: Slice, blocks: Words, slice_index: int, p: Numbers, q: Numbers) -> bool:
-    """Return True if a segment touches only FREE cells of the grid.
-
-    Blocks of FREE cells are skipped. The segment leads from `p` to `q`, in cells. A set bit in ``blocks`` marks a block
-    with cells that are not FREE; only there, the cells are tested.
-    """
-    ground: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type for all three
-    nx, ny, nz = slice_.shape
-    first, last = cells_between(p[0], q[0], 0.0, 1.0)
-    first, last = max(first, 0), min(last, nx - 1)
-    # Slabs of blocks along x.
-    for a in range(first >> BLOCK_SHIFT, (last >> BLOCK_SHIFT) + 1):
-        begin, end = max(first, a << BLOCK_SHIFT), min(last, (a << BLOCK_SHIFT) + BLOCK_SIDE - 1)
-        start, stop = slab_times(p[0], q[0], begin, end)
-        if start > stop:
-            continue
-        layer = blocks[slice_index, a >> BLOCK_SHIFT, :, :, a & (BLOCK_SIDE - 1)]
-        near, far = cells_between(p[1], q[1], start, stop)
-        near, far = max(near, 0), min(far, ny - 1)
-        # Rows of blocks along y; `marked` collects the bits of the blocks along z that the segment touches.
-        for b in range(near >> BLOCK_SHIFT, (far >> BLOCK_SHIFT) + 1):
-            left, right = max(near, b << BLOCK_SHIFT), min(far, (b << BLOCK_SHIFT) + BLOCK_SIDE - 1)
-            enter, leave = slab_times(p[1], q[1], left, right)
-            enter, leave = max(enter, start), min(leave, stop)
-            if enter > leave:
-                continue
-            bottom, top = cells_between(p[2], q[2], enter, leave)
-            line, bit, marked = layer[np.uint64(b >> BLOCK_SHIFT)], b & (BLOCK_SIDE - 1), np.uint64(0)
-            for c in range(max(bottom, 0) >> BLOCK_SHIFT, (min(top, nz - 1) >> BLOCK_SHIFT) + 1):
-                marked |= line[np.uint64(c >> BLOCK_SHIFT)] >> np.uint64(((c & (BLOCK_SIDE - 1)) << BLOCK_SHIFT) + bit)
-            if marked & ONE and not segment_is_free_in_box(slice_, p, q, (begin, left, ground), (end, right, nz - 1)):
                 return False
     return True

@@ -1,432 +1,260 @@
 """Paths of maximum bottleneck clearance, then minimum length.
 
-The *level* of a FREE cell is the distance from its center to the nearest cell that is not FREE, in the grid or outside.
-The *bottleneck* of two configurations is the highest level at which FREE cells of that level or above connect them.
-Among these cells, the shortest chain is searched. If the robot rotates, the heuristic is the length of the shortest
-chain over positions that are as wide at any rotation.
+The *width* of a cell is its distance (:mod:`cspace.map.distance`). The *bottleneck* of two cells is
+the largest width at which cells of that width or above connect them, found in 64ths of a cell.
+Among these cells, the shortest chain is searched.
 
-If the start or the goal is the narrowest place, for example beside a wall, every path is that narrow. So the path first
-climbs steeply from both, and the bottleneck connects the two local maxima. The result is still among the widest
-paths.
+If the start or the goal is the narrowest place, for example beside a wall, every path is that
+narrow. So the path first climbs steeply from both, and the bottleneck connects the two local maxima.
+The result is still among the widest paths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cspace.arrays import FREE, Bytes, Floats, Ints
-from cspace.compiling import always_inline, jit, kernel
+from cspace.arrays import Bools, Bytes, Floats, Ints
+from cspace.compiling import kernel
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
-from cspace.map.clearance import Squares, range_outside
-from cspace.map.components import Components
-from cspace.map.derived import Lock
+from cspace.map.distance import Distances
 from cspace.map.paths import in_time, pulled_straight, waypoints
-from cspace.map.search import EXACT_WEIGHT, check_deadline, find_chain, turn_costs
-from cspace.map.storage import Map, Stack, read_only
+from cspace.map.search import EXACT_WEIGHT, check_deadline, find_chain
+from cspace.map.storage import Map, read_only
 from cspace.rotations import Rotations
-from cspace.threads import cores, in_chunks, in_threads
-
-Levels = NDArray[np.uint16]
-"""Distances from cells to the nearest one that is not FREE, in 64ths of a cell."""
-
-Join = Callable[[Bytes], Components]
-"""Returns the components of states."""
 
 LEVELS_PER_CELL: Final = 64
-"""Levels per cell of clearance."""
+"""Levels of width per cell."""
 
 MAX_LEVEL: Final = 65535
-"""Highest level, which is 1024 cells of clearance; larger clearances count as this."""
+"""Highest level, which is 1024 cells; larger widths count as this."""
 
-INFINITE_SQUARE: Final = 2**30
-"""Squared distance, in half cells, that stands for infinity."""
+SEARCH_BYTES_PER_CELL: Final = 20
+"""Memory of a search by clearance for each cell of each rotation, with the distances, bytes."""
 
-FAR_HALF_CELLS: Final = 2**30
-"""End of a range of half cells that stands for infinity."""
+CELLS_PER_CLOCK_CHECK: Final = 2**14
+"""Cells expanded between two checks of the time limit: about a millisecond."""
 
-WIDEST_BYTES_PER_CELL: Final = 28
-"""Memory for each cell, bytes: its level, and the arrays of searches and components (measured: 10 to 25)."""
-
-MIN_LINES_PER_THREAD: Final = 64
-"""Lines of cells per thread below which a further thread costs more time than it saves."""
-
-MAX_CACHED_LEVELS: Final = 8
-"""Number of levels whose components are cached, at 1.1 bytes per cell of a slice."""
+SIDE_STEPS: Final = 6
+"""Number of steps to cells that share a side; steps from this number on rotate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Widest:
-    """Levels of a map, and components of wide cells.
+class WidthMap:
+    """Widths of the cells of a map, and moves between rotation cells.
 
     Attributes
     ----------
-    levels : ndarray of uint16, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        Level of each cell.
+    widths : ndarray of float32, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Width of each cell, in cells.
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
     rotations : Rotations
         Rotation cells.
     turns : ndarray of float64, shape (rotations, n)
         Cost of rotating to each neighbor, in cells.
-    outside : ndarray of int32, shape (slices, sides, 3, 2)
-        Result of :func:`find_outside_ranges`.
-    cached : dict of int to Components
-        Components of the levels around the last bottlenecks.
-    lock : Lock
-        Guards ``cached``.
     """
 
-    levels: Levels
+    widths: Distances
     slice_of: Ints
     rotations: Rotations
     turns: Floats
-    outside: Squares
-    dirty_boxes: list[Ints] = field(default_factory=list)
-    cached: dict[int, Components] = field(default_factory=dict)
-    lock: Lock = field(default_factory=Lock)
 
-    @classmethod
-    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations) -> Widest:
-        """Compute the levels of a map from its states."""
-        levels = np.empty(map_.states.shape, dtype=np.uint16)
-        layered, outside = _with_three_axes(levels), find_outside_ranges(map_)
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of rotation cells, and cells along each axis."""
+        return (len(self.slice_of), *self.widths.shape[1:])
 
-        def fill(item: tuple[int, Bytes]) -> None:
-            s, state = item
-            layered[s] = compute_levels(state.reshape(layered.shape[1:]), outside[s])
-
-        in_threads(fill, list(enumerate(states)), cores())
-        costs = turn_costs(rotations, levels.ndim - 1, map_.spacing)
-        return cls(levels, map_.slice_of, rotations, costs, outside)
-
-    def refresh(self, boxes: Ints) -> None:
-        """Record boxes of changed states, shape (slices, 6)."""
-        self.dirty_boxes.append(boxes)
-
-    def updated(self, map_: Map, states: Stack) -> Widest:
-        """Return a copy with all changes applied.
-
-        Searches may still use this one, which stays as it is.
-        """
-        if not self.dirty_boxes:
-            return self
-        levels, dirty = self.levels.copy(), np.array(self.dirty_boxes)
-        layered, outside = _with_three_axes(levels), find_outside_ranges(map_)
-        boxes = np.concatenate([dirty[..., :3].min(axis=0), dirty[..., 3:].max(axis=0)], axis=1)
-        boxes[(outside != self.outside).any(axis=(1, 2, 3))] = 0, 0, 0, *(n - 1 for n in layered.shape[1:])
-
-        def refresh_slice(s: int) -> None:
-            state = states[s].reshape(layered.shape[1:])
-            refresh_levels(layered[s], state, boxes[s], outside[s])
-
-        in_threads(refresh_slice, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
-        return replace(self, levels=levels, outside=outside, dirty_boxes=[], cached={})
-
-    def level(self, cell: Sequence[int] | Ints) -> int:
-        """Return the level of a cell ``(rotation, x, ...)``."""
-        return int(self.levels[self.slice_of[cell[0]], *cell[1:]])
-
-    def states(self, min_level: int) -> Bytes:
-        """Return states with only wide cells FREE.
-
-        Wide cells have ``min_level`` or above.
-        """
-        return read_only((self.levels < min_level).view(np.uint8))  # FREE is 0, and MIXED 1
+    def width(self, cell: Sequence[int] | Ints) -> float:
+        """Return the width of a cell ``(rotation, x, ...)``, in cells."""
+        return float(self.widths[self.slice_of[cell[0]], *cell[1:]])
 
     def climb(self, cell: Ints) -> Ints:
-        """Follow the steepest ascent of clearance.
+        """Follow the steepest ascent of width.
 
         Return the cells, from ``cell`` on. Ties go to the larger cell index.
         """
-        shape, path = self.levels.shape[1:], [tuple(cell.tolist())]
+        path = [tuple(cell.tolist())]
         while True:
             rotation, *position = path[-1]
-            candidates = [(other, *position) for other in self.rotations._neighbors[rotation].tolist() if other >= 0]
-            for axis, step in product(range(len(shape)), (-1, 1)):
-                coordinate = position[axis] + step
-                if 0 <= coordinate < shape[axis]:
-                    candidates.append((rotation, *position[:axis], coordinate, *position[axis + 1 :]))
-            best = max([path[-1], *candidates], key=lambda each: (self.level(each), each))
+            others = self.rotations._neighbors[rotation].tolist()
+            candidates = [(other, *position) for other in others if other >= 0]
+            for axis, step in product(range(len(position)), (-1, 1)):
+                moved = position.copy()
+                moved[axis] += step
+                if 0 <= moved[axis] < self.shape[axis + 1]:
+                    candidates.append((rotation, *moved))
+            best = max([path[-1], *candidates], key=lambda each: (self.width(each), each))
             if best == path[-1]:
                 return np.array(path)
             path.append(best)
 
-    def bottleneck(self, start: Ints, goal: Ints, join: Join, until: float) -> int:
-        """Return the largest minimum level of a chain.
+    def bottleneck(self, start: Ints, goal: Ints, until: float) -> float:
+        """Return the largest minimum width of a chain, rounded down to a 64th of a cell.
 
-        Bisect on the level; return 0 if no chain exists. Raises TimeoutError after ``until``.
+        The result is 0 if no chain exists. Raises TimeoutError after ``until``.
         """
-        low, high = 0, min(self.level(start), self.level(goal))
-        upper, tested = high, dict[bool, tuple[int, Components]]()
-        while low < high:
+        first, last = (int(np.ravel_multi_index(tuple(cell), self.shape)) for cell in (start, goal))
+        queue = Queue.of(math.prod(self.shape), first, find_level(self.width(start)))
+        layered = self.widths.reshape(len(self.widths), *(1,) * (4 - self.widths.ndim), *self.shape[1:])
+        is_done = False
+        while not is_done:
             check_deadline(until)
-            with self.lock:
-                levels = sorted(cached_level for cached_level in self.cached if low < cached_level <= high)
-                level = levels[len(levels) // 2] if levels else upper if high == upper else (low + high + 1) // 2
-                components = self.cached.get(level) or join(self.states(level))
-                first, last = components.of(np.stack([start, goal])).tolist()
-            connected = first == last
-            low, high = (level, high) if connected else (low, level - 1)
-            tested[connected] = level, components  # keep only the last level tested on each side
-        with self.lock:
-            for cached_level, components in tested.values():
-                self.cached.pop(cached_level, None)
-                self.cached[cached_level] = components
-            for cached_level in list(self.cached)[:-MAX_CACHED_LEVELS]:
-                del self.cached[cached_level]
-        return low
+            is_done = flood(layered, self.slice_of, self.rotations._neighbors, last, queue)
+        return float(queue.level[0]) / LEVELS_PER_CELL
 
-    def shortest(self, start: Ints, goal: Ints, min_level: int, until: float) -> Ints:
-        """Return the shortest chain of wide cells.
+    def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
+        """Return the shortest chain of cells with ``min_width`` or above, shape (n, 1 + d).
 
-        The result has shape (n, 1 + d). Raises TimeoutError after ``until``.
+        Raises TimeoutError after ``until``.
         """
+        states = narrow_states(self.widths, min_width)
         turns = self.rotations._neighbors, self.turns
-        return find_chain(self.states(min_level), self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
+        return find_chain(states, self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
 
 
-def _with_three_axes(levels: Levels) -> Levels:
-    """Return levels with three grid axes.
+def narrow_states(widths: Distances, min_width: float) -> Bytes:
+    """Return states in which cells of ``min_width`` or above are FREE, all others MIXED."""
+    return read_only((widths < np.float32(min_width)).view(np.uint8))  # FREE is 0, and MIXED 1
 
-    A plane has one layer.
+
+# ---- the bottleneck ------------------------------------------------------------------------------
+
+
+class Queue(NamedTuple):
+    """Queue of cells by level, widest first.
+
+    Attributes
+    ----------
+    level : ndarray of int64, shape (1,)
+        Lowest level of the cells taken from the queue so far.
+    first : ndarray of int64, shape (MAX_LEVEL + 1,)
+        First waiting cell of each level; -1 if there is none.
+    following : ndarray of int64, shape (cells,)
+        Next waiting cell of the same level, for waiting cells; -1 at the end.
+    reached : ndarray of bool, shape (cells,)
+        Whether a cell was queued. Like ``following``, it takes memory only where written.
     """
-    slices, *shape = levels.shape
-    return levels.reshape(slices, *[1] * (3 - len(shape)), *shape)
 
+    level: Ints
+    first: Ints
+    following: Ints
+    reached: Bools
 
-def compute_levels(state: Bytes, outside: Squares) -> Levels:
-    """Compute the levels of cells, shape (nx, ny, nz).
-
-    ``outside`` has the ranges of one slice. Cells outside the grid count last, because their distances are simple.
-    """
-    squares, (nx, ny, nz) = np.empty(state.shape, dtype=np.int32), state.shape
-    write_rows = partial(write_row_squares, state.reshape(-1, nz), squares.reshape(-1, nz))
-    in_chunks(write_rows, nx * ny, MIN_LINES_PER_THREAD)
-    in_chunks(partial(extend_squares, squares), nx * nz, MIN_LINES_PER_THREAD)
-    if nx > 1:
-        in_chunks(partial(extend_squares, squares.reshape(1, nx, ny * nz)), ny * nz, MIN_LINES_PER_THREAD)
-    in_chunks(partial(lower_squares, squares, outside), state[..., 0].size, MIN_LINES_PER_THREAD)
-    return np.minimum(LEVELS_PER_CELL / 2 * np.sqrt(squares, dtype=np.float32), MAX_LEVEL).astype(np.uint16)
-
-
-def find_outside_ranges(map_: Map) -> Squares:
-    """Return the boxes of non-FREE cells beyond each side of the grid.
-
-    The result has the first half cell along three axes, and the one after the last, shape (slices, sides, 3, 2).
-    """
-    ranges = np.empty((len(map_.exterior), 2 * len(map_.lower), 3, 2), dtype=np.int32)
-    write_outside_ranges(map_.exterior, map_.states.shape, ranges)
-    return ranges
-
-
-def refresh_levels(levels: Levels, state: Bytes, box: Ints, outside: Squares) -> None:
-    """Update levels after states changed in a box.
-
-    ``box`` has the first and last changed cell. Cells whose level was below their distance from the box keep it, and no
-    distance was above the highest level.
-    """
-    shape, highest = np.array(levels.shape), int(levels.max())
-    reach = highest // LEVELS_PER_CELL + 2
-    low, high = np.maximum(box[:3] - reach, 0), np.minimum(box[3:] + 1 + reach, shape)
-    first, stop = np.maximum(low - reach, 0), np.minimum(high + reach, shape)
-    window = np.ascontiguousarray(state[tuple(map(slice, first, stop))])
-    # Cells around the window count as FREE, but those outside the grid as what they are.
-    fresh = compute_levels(window, outside - np.int32(2) * first[:, np.newaxis].astype(np.int32))
-    inner = tuple(map(slice, low - first, high - first))
-    if highest == MAX_LEVEL or fresh[inner].max() >= LEVELS_PER_CELL * reach:  # cells outside the window may be nearer
-        levels[...] = compute_levels(np.ascontiguousarray(state), outside)
-    else:
-        levels[tuple(map(slice, low, high))] = fresh[inner]
-
-
-# ---- distances -------------------------------------------------------------------------------------------------------
-#
-# Squared distances from the center of a cell to cells that are not FREE, as closed squares or cubes, in half cells.
-# Along an axis, cells k apart are 2 |k| - 1 half cells apart, and a cell is 0 from itself. The algorithm works line by
-# line (A. Meijster, J. Roerdink and W. Hesselink, "A general algorithm for computing distance transforms in linear
-# time", 2000).
+    @classmethod
+    def of(cls, cells: int, start: int, level: int) -> Queue:
+        """Create a queue with one cell."""
+        queue = cls(
+            np.array([level]),
+            np.full(MAX_LEVEL + 1, -1),
+            np.empty(cells, dtype=np.int64),
+            np.zeros(cells, dtype=np.bool_),
+        )
+        queue.first[level] = start
+        queue.following[start] = -1
+        queue.reached[start] = True
+        return queue
 
 
 @kernel
-def write_outside_ranges(exterior: Ints, shape: tuple[int, ...], ranges: Squares) -> None:
-    """Write the ranges of :func:`find_outside_ranges`."""
-    dim = len(shape) - 1
-    for s in range(len(exterior)):
-        for side in range(2 * dim):
-            empty = False
-            ranges[s, side, :, 0], ranges[s, side, :, 1] = -FAR_HALF_CELLS, FAR_HALF_CELLS
-            for axis in range(dim):
-                low, high = range_outside(exterior, shape, s, side, axis)
-                empty |= low >= high
-                ranges[s, side, 3 - dim + axis, 0] = np.int64(max(2.0 * low, -float(FAR_HALF_CELLS)))
-                ranges[s, side, 3 - dim + axis, 1] = np.int64(min(2.0 * high, float(FAR_HALF_CELLS)))
-            if empty:
-                ranges[s, side, :, 0], ranges[s, side, :, 1] = FAR_HALF_CELLS, -FAR_HALF_CELLS
+def find_level(width: float) -> int:
+    """Return the level of a width in cells."""
+    return int(min(LEVELS_PER_CELL * width, MAX_LEVEL))
 
 
 @kernel
-def lower_squares(squares: Squares, outside: Squares, start: int, stop: int) -> int:
-    """Lower squared distances of rows [start, stop) to those of cells outside the grid.
+def flood(widths: Distances, slice_of: Ints, neighbors: Ints, goal: int, queue: Queue) -> bool:
+    """Take cells from the queue, widest first; return True at the goal, or at the end.
 
-    ``outside`` has the ranges of one slice.
+    The level of the queue is then the bottleneck's, or 0 if no chain leads to the goal. Return False
+    if a clock check is due; the next call goes on from there. ``widths`` has shape
+    (slices, nx, ny, nz).
     """
-    _, ny, nz = squares.shape
-    for row in range(start, stop):
-        x, y = row // ny, row % ny
-        line = squares[x, y]
-        for side in range(len(outside)):
-            x_gap = _half_cells_to(outside[side, 0, 0], outside[side, 0, 1], x)
-            y_gap = _half_cells_to(outside[side, 1, 0], outside[side, 1, 1], y)
-            across = np.int64(x_gap) ** 2 + np.int64(y_gap) ** 2
-            if across >= INFINITE_SQUARE:
+    _, nx, ny, nz = widths.shape
+    level = queue.level[0]
+    for _ in range(CELLS_PER_CLOCK_CHECK):
+        while level > 0 and queue.first[level] < 0:
+            level -= 1
+        queue.level[0] = level
+        cell = queue.first[level]
+        if level == 0 or cell == goal:
+            return True
+        queue.first[level] = queue.following[cell]
+        rotation, x, y, z = cell // (nx * ny * nz), cell // (ny * nz) % nx, cell // nz % ny, cell % nz
+        for step in range(SIDE_STEPS + neighbors.shape[1]):
+            r, i, j, k = rotation, x, y, z
+            if step >= SIDE_STEPS:
+                r = neighbors[rotation, step - SIDE_STEPS]
+            elif step < 2:
+                i += 2 * step - 1
+            elif step < 4:
+                j += 2 * step - 5
+            else:
+                k += 2 * step - 9
+            if r < 0 or not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
                 continue
-            base, low, high = np.int32(across), outside[side, 2, 0], outside[side, 2, 1]
-            for k in range(nz):
-                z_gap = _half_cells_to(low, high, k)
-                line[k] = min(line[k], np.int32(base + np.int32(z_gap * z_gap)))
-    return -1
-
-
-@always_inline
-def _half_cells_to(low: np.int32, high: np.int32, k: int) -> np.int32:
-    """Return the distance from the center of cell k to a range, in half cells.
-
-    Its square is at most :data:`INFINITE_SQUARE`, so that two of them do not exceed 32 bits if one is below.
-    """
-    center = np.int32(2 * k + 1)
-    outward = max(np.int32(low - center), np.int32(center - high), np.int32(0))
-    return np.int32(min(outward, np.int32(2**15)))
-
-
-@kernel
-def write_row_squares(states: Bytes, squares: Squares, start: int, stop: int) -> int:
-    """Write squared distances within rows [start, stop)."""
-    n = states.shape[1]
-    for row in range(start, stop):
-        for backwards in range(2):
-            nearest = -INFINITE_SQUARE
-            for step in range(n):
-                k = step if backwards == 0 else n - 1 - step
-                if states[row, k] != FREE:
-                    nearest = step
-                distance = np.int64(step - nearest)
-                # From 2**14 on, squares would exceed the number that stands for infinity.
-                square = INFINITE_SQUARE if distance >= 2**14 else (2 * distance - 1) ** 2 if distance > 0 else 0
-                squares[row, k] = square if backwards == 0 else min(square, squares[row, k])
-    return -1
-
-
-@jit
-def extend_squares(squares: Squares, first_line: int, stop_line: int) -> int:
-    """Extend squared distances from rows to the middle axis."""
-    n = squares.shape[1]
-    values, cells, starts = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    for line in range(first_line, stop_line):
-        a, b = line // squares.shape[2], line % squares.shape[2]
-        for k in range(n):
-            values[k] = squares[a, k, b]
-        # Stack of the cells that are nearest at some position, and the position from which on.
-        top, cells[0], starts[0] = 0, 0, 0
-        for v in range(1, n):
-            while top >= 0 and _square(values, cells[top], starts[top]) > _square(values, v, starts[top]):
-                top -= 1
-            if top < 0:
-                top, cells[0], starts[0] = 0, v, 0
+            near = ((r * nx + i) * ny + j) * nz + k
+            if queue.reached[near]:
                 continue
-            start_of_v = _last_closer(cells[top], v, values[v] - values[cells[top]]) + 1
-            if start_of_v < n:
-                top += 1
-                cells[top], starts[top] = v, start_of_v
-        for k in range(n - 1, -1, -1):
-            squares[a, k, b] = min(_square(values, cells[top], k), INFINITE_SQUARE)
-            if k == starts[top]:
-                top -= 1
-    return -1
+            queue.reached[near] = True
+            near_level = min(level, find_level(widths[slice_of[r], i, j, k]))
+            queue.following[near] = queue.first[near_level]
+            queue.first[near_level] = near
+    return False
 
 
-@jit
-def _square(values: Ints, cell: int, k: int) -> int:
-    """Return the squared distance by way of a cell.
-
-    ``values`` has the squared distance of each cell across the line.
-    """
-    half_cells: int = max(2 * abs(k - cell) - 1, 0)
-    return int(values[cell]) + half_cells * half_cells
-
-
-@jit
-def _last_closer(u: int, v: int, more: int) -> int:
-    """Return the last position no farther from u than from v.
-
-    ``more`` is the square of v minus the square of u.
-    """
-    distance, reach = v - u, (2 * (v - u) - 1) ** 2
-    if more >= reach:  # beyond v
-        return max(v, (more + 4 * distance * (u + v + 1)) // (8 * distance))
-    if more < -reach:  # before u
-        return min(u - 1, (more + 4 * distance * (u + v - 1)) // (8 * distance))
-    if distance == 1:
-        return u
-    return min(max(u, (more + 4 * (distance - 1) * (u + v)) // (8 * (distance - 1))), v - 1)
-
-
-# ---- paths -----------------------------------------------------------------------------------------------------------
+# ---- paths ---------------------------------------------------------------------------------------
 
 
 def find_widest_path(
-    widest: Widest,
+    widths: WidthMap,
     map_: Map,
     grid: Grid,
     endpoints: tuple[Floats, Ints],
-    join: Join,
     straight: bool,
     until: float,
 ) -> Floats:
     """Return waypoints of the widest path between two configurations.
 
-    ``endpoints`` are the configurations, shape (2, size), and their cells, shape (2, 1 + d). The result has length 0 if
-    no path exists. If not ``straight``, waypoints are the centers of the cells passed. Raises TimeoutError
-    after ``until``.
+    ``endpoints`` are the configurations, shape (2, size), and their cells, shape (2, 1 + d). The
+    result has length 0 if no path exists. If not ``straight``, waypoints are the centers of the
+    cells passed. Raises TimeoutError after ``until``.
     """
-    rotations, q, cells_of_q = widest.rotations, widest.rotations._make_canonical(endpoints[0]), endpoints[1]
-    climbs = [widest.climb(cell) for cell in cells_of_q]
-    level = widest.bottleneck(climbs[0][-1], climbs[1][-1], join, until)
-    if not level:
+    rotations, ends = widths.rotations, endpoints[1]
+    q = rotations._make_canonical(endpoints[0])
+    up, down = (widths.climb(cell) for cell in ends)
+    width = widths.bottleneck(up[-1], down[-1], until)
+    if not width:
         return np.empty((0, q.shape[1]))
-    ascent, descent = (climb[[widest.level(cell) < level for cell in climb]] for climb in climbs)
-    chain = widest.shortest(climbs[0][len(ascent)], climbs[1][len(descent)], level, until)
+    ascent, descent = (climb[[widths.width(cell) < width for cell in climb]] for climb in (up, down))
+    chain = widths.shortest(up[len(ascent)], down[len(descent)], width, until)
     cells = np.concatenate([ascent, chain, descent[::-1]])
     path = waypoints(grid, rotations, q, cells)
     if not straight:
         return path
     # Each of the three parts is shortened within cells at least as wide as its own narrowest cell.
-    first, last = len(ascent) + 1 if len(ascent) else 0, len(ascent) + len(chain) if len(descent) else len(path) - 1
-    low, high = map(widest.level, cells_of_q)
+    first = len(ascent) + 1 if len(ascent) else 0
+    last = len(ascent) + len(chain) if len(descent) else len(path) - 1
+    low, high = map(widths.width, ends)
     pieces = [path[:1]]
-    for begin, end, min_level in ((0, first, low), (first, last, level), (last, len(path) - 1, high)):
+    for begin, end, min_width in ((0, first, low), (first, last, width), (last, len(path) - 1, high)):
         if begin < end:
-            wide_map = _cut_wide_map(widest, map_, cells[max(begin - 1, 0) : end, 1:], min_level)
+            wide_map = _cut_wide_map(widths.widths, map_, cells[max(begin - 1, 0) : end, 1:], min_width)
             is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
             pieces.append(pulled_straight(path[begin : end + 1], rotations, is_free)[1:])
     return np.concatenate(pieces)
 
 
-def _cut_wide_map(widest: Widest, map_: Map, positions: Ints, min_level: int) -> Map:
-    """Return a map around positions with wide cells FREE.
-
-    Cells of ``min_level`` or above are FREE.
-    """
-    levels, first, stop = widest.levels, positions.min(axis=0) - 1, positions.max(axis=0) + 2
-    first, stop = np.maximum(first, 0), np.minimum(stop, levels.shape[1:])
-    levels = levels[(slice(None), *map(slice, first, stop))]
-    states = read_only((levels < min_level).view(np.uint8))
+def _cut_wide_map(widths: Distances, map_: Map, positions: Ints, min_width: float) -> Map:
+    """Return a map around positions in which cells of ``min_width`` or above are FREE."""
+    first = np.maximum(positions.min(axis=0) - 1, 0)
+    stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
+    states = narrow_states(widths[(slice(None), *map(slice, first, stop))], min_width)
     lower, upper = (tuple((map_.lower + map_.spacing * cell).tolist()) for cell in (first, stop))
     return map_._replace(states=states, cells=states.reshape(-1), lower=lower, upper=upper)

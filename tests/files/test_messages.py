@@ -132,7 +132,7 @@ def measure_distances(space, free):
 
 
 @pytest.mark.parametrize("fill", [None, make_strict("metadata", ("size_x", "size_y"), "B")])
-@pytest.mark.parametrize(("radius", "scaling"), [(0.55, 10.0), (0.8, 3.0), (0.0, 1.0), (99.0, 0.0)])
+@pytest.mark.parametrize(("radius", "scaling"), [(0.55, 10.0), (0.8, 3.0), (0.0, 1.0), (1e9, 0.0)])
 def test_costs_agree_with_the_formula(spaces, radius, scaling, fill):
     space = spaces["disc"]
     msg = space.to_costmap(fill, inflation_radius=radius, cost_scaling_factor=scaling)
@@ -262,7 +262,6 @@ def test_from_occupancy_grid_refuses_in_one_line(msg, options, message):
     assert "\n" not in str(caught.value)
 
 
-ROW = Workspace.from_array(np.zeros((16_001, 1), dtype=bool), 0.1)
 SOLID = Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1)
 
 
@@ -274,10 +273,6 @@ SOLID = Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1)
     (
         lambda car: car.to_costmap(SimpleNamespace(header=SimpleNamespace(frame_id=""))),
         "msg has no metadata.resolution; .*nav2_msgs",
-    ),
-    (
-        lambda car: cspace.build(ROW, Robot.disc(0.05)).to_costmap(inflation_radius=1e6),
-        "inflation_radius reaches 16001 cells .*; the maximum is 16000 cells",
     ),
     (lambda car: car.to_occupancy_grid(object()), r"msg has no header\.frame_id"),
     (lambda car: cspace.build(SOLID, Robot.ball(0.05)).to_occupancy_grid(), "the map is one in space"),

@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.map import mip
 from cspace.map.batches import MIN_EDGES_PER_THREAD, ROWS_PER_COPY, evaluate_pairs
-from cspace.map.mip import MAX_CELLS_PER_EDGE
 from cspace.rotations import Rotations
 from cspace.threads import MIN_ITEMS_PER_THREAD
 from tests.handmade import configurations, map_of
@@ -162,33 +160,21 @@ def test_batches_refuse_yaws_too_large_to_wrap(yaw):
     assert (space.classify(q) == space.classify(q[0])).all()
 
 
-# ---- occupancy pyramids ---------------------------------------------------------------------------------------------
+# ---- edges -----------------------------------------------------------------------------------------------------------
 
 
 @EVERY_SPACE
 @settings(max_examples=10)
 @given(seeds, st.sampled_from(["free", "blocked"]))
 def test_batches_of_edges_equal_single_edges(name, seed, outside):
-    """Compare the pyramid with walks of single edges."""
     rng = np.random.default_rng(seed)
     space = build_random(name, rng, outside=outside)
     q0 = draw_configurations(space, rng, 2 * MIN_EDGES_PER_THREAD + 3, far=True)
     q1 = draw_targets(space, q0, rng)
-    assert space._kernel_map.states.size <= len(q0) * MAX_CELLS_PER_EDGE
     many = space.motion_is_free(q0, q1)
     check = space.edge_checker()
     assert many.tolist() == [check(*edge) for edge in np.hstack([q0, q1]).tolist()]
     assert many.any() or outside == "blocked"
-
-
-def test_only_batches_of_edges_build_the_pyramid(monkeypatch):
-    space = cspace.build(cspace.Workspace.from_array(np.zeros((200, 200), dtype=bool), 0.1), cspace.Robot.disc(0.2))
-    marked, mark = [], mip.OccupancyPyramid.marks
-    monkeypatch.setattr(mip.OccupancyPyramid, "marks", lambda *how: marked.append(mark(*how)) or marked[-1])
-    space.motion_is_free((1.0, 1.0), (2.0, 2.0))
-    assert not marked
-    space.motion_is_free(np.full((10, 2), 1.0), np.full((10, 2), 2.0))
-    assert [marks.blocks.shape for marks in marked] == [(1, 1, 4, 4, 1)]
 
 
 # ---- paths and roadmaps ----------------------------------------------------------------------------------------------
@@ -257,4 +243,4 @@ def test_invalid_edges_are_named_by_number():
     space = build_random("plane", np.random.default_rng(0))
     vertices = np.array([(0.1, 0.1), (0.2, 0.2), (np.nan, 0.3)])
     with pytest.raises(InputError, match=r"edge number 2 is \(0.1, 0.1, nan, 0.3\)"):
-        evaluate_pairs(vertices, np.array([(0, 1), (1, 0), (0, 2)]), space._edges(3, exact=False))
+        evaluate_pairs(vertices, np.array([(0, 1), (1, 0), (0, 2)]), space._edges(exact=False))

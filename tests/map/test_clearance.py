@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from tests import handmade, oracles
 from tests.strategies import seeds
+from tests.waiting import write_while_querying
 
 
 def measure_distances(points, cells):
@@ -39,26 +40,38 @@ def sparse_states(draw, kind):
     return states
 
 
+def check_bounds(space, q, distances):
+    """Fail unless clearances are close lower bounds of distances, both in cells."""
+    dim, bounds = space.grid.dim, np.asarray(space.clearance(q)) / space.grid.spacing
+    distances = np.where(space.classify(q) == FREE, distances, 0.0)
+    assert (bounds <= distances).all()
+    inside = space.grid.contains(q[:, :dim])
+    near = inside & np.isfinite(distances)
+    assert (bounds[near] >= distances[near] * (1.0 - 1e-5) - math.sqrt(dim) - 1e-6).all()
+    assert np.isinf(bounds[inside & np.isinf(distances)]).all()
+    centers = near & (np.abs((q[:, :dim] - space.grid.lower) / space.grid.spacing % 1.0 - 0.5) < 1e-9).all(axis=1)
+    np.testing.assert_allclose(bounds[centers], distances[centers], rtol=1e-5, atol=1e-6)
+
+
+def draw_near_borders(rng, q, dim):
+    """Move configurations to borders of cells of size 1, beside them, or to centers."""
+    moves = rng.integers(0, 4, len(q))
+    q[moves == 1, :dim] = np.rint(q[moves == 1, :dim])
+    q[moves == 2, :dim] = np.rint(q[moves == 2, :dim]) + rng.choice([-1e-9, 1e-9, -1e-15], ((moves == 2).sum(), dim))
+    q[moves == 3, :dim] = np.floor(q[moves == 3, :dim]) + 0.5
+    return q
+
+
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 @settings(max_examples=40)
 @given(st.data(), seeds)
-def test_clearance_is_the_distance_to_cells(kind, data, seed):
-    """Include lines, along which searches reuse previous results."""
+def test_clearance_is_a_close_lower_bound_of_the_distance_to_cells(kind, data, seed):
     states, rng = data.draw(sparse_states(kind)), np.random.default_rng(seed)
     space, dim = handmade.make_map(states, kind, spacing=1.0), states.ndim - 1
-    endpoints = rng.uniform(-1.5, 2.5, (2, space.size)) * [*states.shape[1:], *[3.0] * (space.size - dim)]
-    q = np.concatenate(
-        [
-            np.linspace(*endpoints, 40),
-            rng.uniform(0.0, 1.0, (20, space.size)) * [*states.shape[1:], *[9.0] * (space.size - dim)],
-        ]
-    )
-    q = handmade.configurations(space, q)
-    q[::5, :dim] = np.rint(q[::5, :dim])  # on borders of cells
-    expected = measure_slice_distances(states, q[:, :dim], space.rotations._cells_of(q))
-    expected[space.classify(q) != FREE] = 0.0
-    np.testing.assert_allclose(space.clearance(q), expected, rtol=1e-9, atol=1e-6)
-    assert (space.clearance(q) <= expected).all()
+    scale = [*states.shape[1:], *[9.0] * (space.size - dim)]
+    q = handmade.configurations(space, rng.uniform(-0.3, 1.3, (60, space.size)) * scale)
+    draw_near_borders(rng, q, dim)
+    check_bounds(space, q, measure_slice_distances(states, q[:, :dim], space.rotations._cells_of(q)))
     check = space.clearance_checker()
     assert space.clearance(q).tolist() == [check(*one) for one in q.tolist()] == [space.clearance(one) for one in q]
 
@@ -70,11 +83,13 @@ def test_clearance_counts_cells_outside_the_grid(data, seed):
     outside = data.draw(handmade.outsides(state.ndim))
     space = handmade.map_of(state, outside=outside, spacing=1.0)
     around = [cell for cell in handmade.cells_around(state, outside) if handmade.state_of(state, outside, cell) != FREE]
-    cells = np.array(around).reshape(-1, state.ndim)
-    q = np.random.default_rng(seed).uniform(-8.0, 16.0, (30, state.ndim))
-    expected = measure_distances(q, cells)
-    expected[space.classify(q) != FREE] = 0.0
-    np.testing.assert_allclose(space.clearance(q), expected, rtol=1e-9, atol=1e-6)
+    cells, rng = np.array(around).reshape(-1, state.ndim), np.random.default_rng(seed)
+    q = np.concatenate([rng.uniform(-8.0, 16.0, (30, state.ndim)), rng.uniform(0.0, state.shape, (30, state.ndim))])
+    draw_near_borders(rng, q, state.ndim)
+    check_bounds(space, q, measure_distances(q, cells))
+    if outside.state == FREE and len(cells):
+        low, high = np.minimum(cells.min(axis=0), 0), np.maximum(cells.max(axis=0) + 1, state.shape)
+        assert (space.clearance(q) >= oracles.box_gaps(q, q, low, high) * (1.0 - 1e-5) - 1e-6).all()
 
 
 # ---- maps that were built --------------------------------------------------------------------------------------------
@@ -114,7 +129,7 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
             distance = oracles.box_gaps(point[:dim], point[:dim], blocked, blocked + h).min()
             assert bound <= distance + 1e-9
             if space.grid.contains(point[:dim]):
-                assert bound > distance - 1e-6 * h
+                assert bound > distance - (math.sqrt(dim) + 1e-4) * h
         elif outside == "free":
             assert bound == math.inf
 
@@ -177,4 +192,44 @@ def test_clearance_finds_a_single_cell_of_a_large_map():
     states[0, 2990, 3] = MIXED
     space = handmade.make_map(states, "plane", spacing=1.0)
     q = np.random.default_rng(0).uniform(0.0, 2500.0, (50, 2))
-    np.testing.assert_allclose(space.clearance(q), measure_distances(q, np.array([(2990, 3)])), rtol=1e-9)
+    check_bounds(space, q, measure_distances(q, np.array([(2990, 3)])))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_clearance_during_updates_is_that_of_some_state(dim):
+    """Compare with clearances with and without the changing obstacle."""
+    cells = np.zeros((40, 300) if dim == 2 else (40, 70, 20), dtype=bool)
+    cells[(5,) * dim] = True
+    space = cspace.build(Workspace.from_array(cells, 1.0), Robot.disc(0.1) if dim == 2 else Robot.ball(0.1))
+    q = np.random.default_rng(0).uniform(6.5, 18.0, (400, dim))
+    position, on, off = (19,) * dim, np.ones((1,) * dim, dtype=bool), np.zeros((1,) * dim, dtype=bool)
+    far = space.clearance(q)
+    space.update(on, position)
+    near = space.clearance(q)
+    assert (near < far).any()
+    wrong, check = [], space.clearance_checker()
+
+    def query_map():
+        answers = np.array([space.clearance(q), [check(*one) for one in q.tolist()]])
+        wrong.append(((answers < near) | (answers > far)).sum())
+
+    def change():
+        for _ in range(200):
+            space.update(off, position)
+            space.update(on, position)
+
+    write_while_querying(query_map, [change])
+    assert wrong and not any(wrong)
+    assert (space.clearance(q) == near).all()
+    space.update(off, position)
+    assert [check(*one) for one in q.tolist()] == far.tolist() == space.clearance(q).tolist()
+
+
+def test_clearance_refuses_too_little_memory(monkeypatch):
+    space = handmade.make_map(handmade.full_states("turning", 30), "turning")
+    q = handmade.configurations(space, np.full((1, space.size), 0.1))
+    with monkeypatch.context() as patch:
+        patch.setattr("cspace.limits.free_bytes", lambda: 1000)
+        with pytest.raises(InputError, match=r"with the clearance of its cells.* needs about .* of memory"):
+            space.clearance(q)
+    assert space.clearance(q).tolist() == [math.inf]

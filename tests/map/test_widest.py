@@ -6,19 +6,15 @@ import itertools
 import math
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cspace import FREE, MIXED, CSpace, InputError, Robot, Workspace, build
-from cspace.map import widest
-from cspace.map.components import Components
 from tests import handmade
 from tests.oracles import link_cells, path_length, to_graph
 from tests.planning import ENDPOINTS, build_from_states, build_room, turn_between
@@ -36,15 +32,15 @@ def draw_map(name: str, rng: np.random.Generator) -> CSpace:
     return build_from_states(state, WIDEST_TURNS.get(name), spacing=0.5)
 
 
-def make_widest(space: CSpace) -> widest.Widest:
-    """Return the clearance levels of a map."""
-    return widest.Widest.of(space._kernel_map, space._kernel_map.states, space.rotations)
-
-
 def list_cell_centers(space: CSpace) -> np.ndarray:
     """Return the centers of all cells."""
     cells = np.ones((len(space.rotations), *space.grid.shape), dtype=bool)
     return np.asarray(handmade.cell_centers(space, handmade.all_cells(cells)))
+
+
+def number_cells(space: CSpace) -> np.ndarray:
+    """Return the number of each cell, shape (rotations, ...)."""
+    return np.arange(len(space.rotations) * space.grid.size).reshape(-1, *space.grid.shape)
 
 
 def link_wide_cells(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
@@ -86,36 +82,22 @@ def compute_length(space: CSpace, path: np.ndarray) -> float:
 def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = draw_map(name, rng)
-    points, cells = list_cell_centers(space), list(np.ndindex(len(space.rotations), *space.grid.shape))
-    levels_map = make_widest(space)
-    clearances = np.asarray(space.clearance(points))
-    levels = levels_map.levels[levels_map.slice_of].ravel()
-    assert np.array_equal(levels > 0, clearances > 0.0) and (np.abs(levels / 128 - clearances) <= 1 / 128 + 1e-6).all()
+    points, numbers = list_cell_centers(space), number_cells(space)
+    clearances = np.asarray(space.clearance(points)) / space.grid.spacing  # exact at centers
     free = np.flatnonzero(clearances > 0.0)
-    if not len(free):
-        return
-    outside = np.zeros(len(levels_map.levels), dtype=bool)
-    join = partial(
-        Components, slice_of=levels_map.slice_of, neighbors=space.rotations._neighbors, exterior_open=outside
-    )
-    for start, goal in rng.choice(free, (2, 2)):
+    for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
         best = find_bottleneck(space, clearances, start, goal)
-        ends = np.array(cells[start]), np.array(cells[goal])
-        level = levels_map.bottleneck(*ends, join, math.inf)
-        assert (
-            levels_map.bottleneck(*ends[::-1], join, math.inf) == level
-            and len(levels_map.cached) <= widest.MAX_CACHED_LEVELS
-        )
-        assert abs(level / 128 - best) <= 1 / 128 + 1e-6
         path = space.find_widest_path(points[start], points[goal], straight=False)
         assert (len(path) > 0) == (best > 0.0)
         if not len(path):
             continue
-        assert np.asarray(space.clearance(path)).min() >= best - 1e-6  # a climb may cut a corner
         assert space.certify_path(path).all()
-        shortest = dijkstra(link_wide_cells(space, levels >= level, True), indices=start)[goal]
-        chain = points[[cells.index(tuple(cell)) for cell in levels_map.shortest(*ends, level, math.inf).tolist()]]
-        assert compute_length(space, chain) == pytest.approx(shortest, rel=1e-5)
+        narrowest = clearances[numbers[tuple(space._cells_of(path).T)]].min()
+        assert narrowest == pytest.approx(best, abs=1 / 64 + 1e-5)
+        if narrowest < min(clearances[start], clearances[goal]):  # without climbs
+            wide = clearances >= narrowest - 1e-5
+            shortest = dijkstra(link_wide_cells(space, wide, True), indices=start)[goal]
+            assert compute_length(space, path) == pytest.approx(shortest, rel=1e-5)
         pulled = space.find_widest_path(points[start], points[goal])
         assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
         assert compute_length(space, pulled) <= compute_length(space, path) + 1e-9
@@ -124,9 +106,8 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
             space.rotations._add_steps(np.repeat(a[None], 30, axis=0), shares * space.rotations._steps_between(a, b))
             for a, b in itertools.pairwise(pulled)
         ]
-        along = np.concatenate([*parts, pulled])
-        # Between the centers of cells the clearance may be lower, by half a diagonal.
-        assert np.asarray(space.clearance(along)).min() >= best - 0.25 * math.sqrt(space.grid.dim) - 1e-6
+        passed = numbers[tuple(space._cells_of(np.concatenate([*parts, pulled])).T)]
+        assert clearances[passed].min() >= best - 1 / 64 - 1e-5
 
 
 def draw_map_with_offset_robot(name: str, outside: str, rng: np.random.Generator) -> CSpace:
@@ -167,9 +148,7 @@ def test_path_is_widest_whatever_is_outside_the_grid(name: str, seed: int, outsi
     rng = np.random.default_rng(seed)
     space = draw_map_with_offset_robot(name, outside, rng)
     clearances = measure_clearances(space, 10)
-    points, cells = list_cell_centers(space), np.arange(len(clearances)).reshape(-1, *space.grid.shape)
-    levels = make_widest(space)
-    assert np.array_equal(levels.levels[levels.slice_of].ravel(), np.minimum(64 * clearances + 1e-4, 65535).astype(int))
+    points, cells = list_cell_centers(space), number_cells(space)
     free = np.flatnonzero(clearances)
     for start, goal in rng.choice(free, (4, 2)) if len(free) else []:
         best = find_bottleneck(space, clearances, start, goal)
@@ -177,8 +156,7 @@ def test_path_is_widest_whatever_is_outside_the_grid(name: str, seed: int, outsi
         assert (len(path) > 0) == (best > 0.0)
         if len(path):
             passed = clearances[cells[tuple(space._cells_of(path).T)]]
-            assert passed.min() == pytest.approx(best, abs=1 / 64 + 1e-6)
-            assert np.asarray(space.clearance(path)).min() >= best - 1 / 64 - 1e-6
+            assert passed.min() == pytest.approx(best, abs=1 / 64 + 1e-5)
 
 
 def test_path_keeps_away_from_obstacles_at_the_border_of_a_free_exterior() -> None:
@@ -190,32 +168,11 @@ def test_path_keeps_away_from_obstacles_at_the_border_of_a_free_exterior() -> No
     assert np.asarray(space.clearance(path))[[0, -1]] == pytest.approx(13.5)
 
 
-@settings(max_examples=30)
-@given(seeds, st.booleans(), st.sampled_from([(1, 40), (7, 9), (3, 4, 5), (1, 4, 5)]))
-def test_levels_are_distances_to_cells_that_are_not_free(
-    seed: int, exterior_open: bool, shape: tuple[int, ...]
-) -> None:
-    rng = np.random.default_rng(seed)
-    state = np.where(rng.random(shape) < rng.choice([0.0, 0.02, 0.3]), MIXED, FREE).astype(np.uint8)
-    space = build_from_states(state)
-    table = np.array([[*np.repeat([0, -1], len(shape)), FREE if exterior_open else MIXED]])
-    map_ = space._kernel_map._replace(exterior=table)
-    levels = widest.Widest.of(map_, map_.states, space.rotations).levels.reshape(shape)
-    taken = np.argwhere(state != FREE)
-    if not exterior_open:
-        rim = np.argwhere(np.pad(np.zeros(shape, dtype=bool), 1, constant_values=True)) - 1
-        taken = np.concatenate([taken, rim])
-    for cell in np.argwhere(state == FREE):
-        distances = np.maximum(np.abs(taken - cell) - 0.5, 0.0)
-        nearest = np.linalg.norm(distances, axis=1).min(initial=1024.0)
-        assert levels[tuple(cell)] == min(int(64 * nearest + 1e-4), 65535)
-
-
 def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
     space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
     path = space.find_widest_path((0.45, 0.45), (5.55, 0.45))
     assert space.certify_path(path).all() and np.asarray(space.clearance(path[1:-1])).min() > 1.4
-    assert np.asarray(space.clearance(path)).min() == space.clearance((0.45, 0.45))
+    assert np.asarray(space.clearance(path)).min() == pytest.approx(space.clearance((0.45, 0.45)))
 
 
 @pytest.mark.parametrize("name", [*WIDEST_SPACES, "floating"])
@@ -243,7 +200,15 @@ def test_memory_does_not_grow_with_path_length() -> None:
     assert space.certify_path(path).all() and compute_length(space, path) > 29 * 190 and peak < 100 * state.size
 
 
-def test_threads_share_the_components_of_levels() -> None:
+@pytest.mark.parametrize("name", ["plane", "turning"])
+def test_search_ends_at_the_time_limit_and_is_found_later(name: str) -> None:
+    space = copy.copy(build_room(name))
+    assert space.find_widest_path(*ENDPOINTS[name], time_limit=1e-9).shape == (0, space.size)
+    expected = build_room(name).find_widest_path(*ENDPOINTS[name])
+    assert len(expected) and np.array_equal(space.find_widest_path(*ENDPOINTS[name]), expected)
+
+
+def test_threads_find_the_same_paths() -> None:
     rng = np.random.default_rng(1)
     space = build(Workspace.from_array(rng.random((90, 70)) < 0.01, 0.1), Robot.disc(0.1))
     pairs = space.sample_free(24, rng).reshape(-1, 2, 2)
@@ -265,33 +230,8 @@ def test_widest_path_follows_obstacle_changes() -> None:
     assert np.array_equal(space.find_widest_path(*endpoints), before)
 
 
-@pytest.mark.parametrize("name", WIDEST_SPACES)
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(4)
-    cells = rng.random((40, 30) if name in ("plane", "turning") else (12, 11, 10)) < 0.004
-    robot = Robot.disc(0.1) if cells.ndim == 2 else Robot.ball(0.1)
-    if name in WIDEST_TURNS:
-        robot = Robot.rectangle(0.3, 0.1) if cells.ndim == 2 else Robot.box((0.3, 0.1, 0.1))
-    space = build(Workspace.from_array(cells, 0.1), robot, rotations=WIDEST_TURNS.get(name), outside=outside)
-    states = space._kernel_map.states
-    levels_map, fresh = make_widest(space), widest.Widest.of
-    monkeypatch.setattr(widest.Widest, "of", lambda *_: levels_map)  # the map uses this one, so its updates refresh it
-    endpoints = space.sample_free(2, rng)
-    space.find_widest_path(*endpoints)
-    for step in range(24):
-        size = rng.integers(1, 4, cells.ndim)
-        lower = rng.integers(0, np.array(cells.shape) - size + 1)
-        space.update(rng.random(size) < 0.5 * (step % 3), lower)
-        if step % 2:
-            levels = fresh(space._kernel_map, states, space.rotations).levels
-            assert np.array_equal(levels_map.updated(space._kernel_map, states).levels, levels)
-
-
 def test_widest_path_refuses_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     space = build_room("plane")
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
-    with pytest.raises(
-        InputError, match=r"with the clearance of its cells.* needs about .* of memory.*at most 950 bytes"
-    ):
+    with pytest.raises(InputError, match=r"to search it by clearance.* needs about .* of memory.*at most 950 bytes"):
         space.find_widest_path(*ENDPOINTS["plane"])

@@ -1,0 +1,312 @@
+"""Distances to cells that are not FREE, and clearance.
+
+The *distance* of a cell is that from its center c to the nearest point of a closed cell that is
+not FREE, in its slice, in the grid or outside. The table of a slice is computed when it is first
+needed, axis by axis: the lowest sum of squares along one axis is a lower envelope of parabolas
+(A. Meijster, J. Roerdink and W. Hesselink, "A general algorithm for computing distance transforms
+in linear time", 2000; P. Felzenszwalb and D. Huttenlocher, "Distance transforms of sampled
+functions", 2012). The nearest point of another cell lies on its borders, so parabolas stand on the
+borders between cells.
+
+*Clearance* D(p) is the distance from position p to the same cells. The look-up proves a lower bound:
+
+* |D(p) - D(c)| <= |p - c|, because D is a distance. So D(p) >= D(c) - |p - c| for each cell, whatever
+  its state. The best of the 2^d cells around p counts.
+* D(p) is at least the distance to the box that contains all cells that are not FREE. Far outside
+  the grid, this bound is the better one.
+
+In the grid, the nearest center is at most sqrt(d) / 2 cells away, and D(p) <= D(c) + |p - c|. So the
+bound is less than sqrt(d) cells below D(p).
+
+Rounding: the table rounds a square at most three times and its root once, by 2^-24 of each, so a
+distance by at most 2.5 * 2^-24 of it. A look-up rounds lengths by 2^-50 of them. The bound is
+multiplied by 1 - 2^-22, which covers both. The rounding of a position is below SLACK along each axis
+in and around the grid, so 4 SLACK are subtracted; far away, it is below 2^-50 of the distance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.arrays import FREE, Bytes, Floats, Ints
+from cspace.compiling import bind_kernel, kernel
+from cspace.grid import SLACK
+from cspace.map.derived import Lock
+from cspace.map.points import MAX_CELL, Numbers, configuration, is_usable, state_at
+from cspace.map.storage import Map, Stack
+from cspace.threads import cores, in_chunks, in_threads
+
+Distances = NDArray[np.float32]
+"""Distances of cells, or their squares, in cells."""
+
+BYTES_PER_CELL: Final = 4
+"""Memory of the table for each cell of each slice, bytes."""
+
+ROUNDING_FACTOR: Final = 1.0 - 2.0**-22
+"""Factor of a distance that must not be above the true one despite rounding."""
+
+MIN_LINES_PER_THREAD: Final = 64
+"""Lines of cells below which a further thread costs more time than it saves."""
+
+
+class DistanceTable(NamedTuple):
+    """Distances of a map's cells, for kernels.
+
+    Attributes
+    ----------
+    cells : ndarray of float32, shape (slices * cells,)
+        Distance of each cell of all slices in a row, in cells; zero if the cell is not FREE.
+    boxes : ndarray of float64, shape (slices, 2, d)
+        Corners of the box that contains all cells that are not FREE, in the grid and outside, in
+        cells. Without such cells, the lower corner is infinite and the upper one minus infinite.
+    """
+
+    cells: Distances
+    boxes: Floats
+
+
+class DistanceMap:
+    """Distances of a map, computed slice by slice when needed.
+
+    The states and the exterior table are shared, not copied. The lock is held while they change,
+    and while distances are computed.
+
+    Attributes
+    ----------
+    known : DistanceTable or None
+        The table, once it has the distances of all slices after the last change.
+    """
+
+    def __init__(self, states: Stack, exterior: Ints, lock: Lock) -> None:
+        self._states, self._exterior, self._lock = states, exterior, lock
+        self._table: DistanceTable | None = None
+        self._ready = np.zeros(len(states), dtype=np.bool_)
+        self.known: DistanceTable | None = None
+
+    def refresh(self) -> None:
+        """Drop all distances, because states changed.
+
+        Tables returned earlier stay as they are.
+        """
+        self._table = self.known = None
+        self._ready[:] = False
+
+    def whole(self) -> DistanceTable:
+        """Return the table with the distances of all slices."""
+        return self.known or self.of_slices(range(len(self._states)))
+
+    def array(self) -> Distances:
+        """Return the distances of all slices, shape (slices, x, y) or (slices, x, y, z)."""
+        return self.whole().cells.reshape(self._states.shape)
+
+    def slice(self, number: int) -> Distances:
+        """Return the distances of one slice, shape (x, y) or (x, y, z)."""
+        distances: Distances = self.of_slices([number]).cells.reshape(self._states.shape)[number]
+        return distances
+
+    def of_slices(self, slices: Iterable[int]) -> DistanceTable:
+        """Return a table with the distances of at least the given slices."""
+        with self._lock:
+            if self._table is None:
+                dim = self._states.ndim - 1
+                cells = np.empty(self._states.size, dtype=np.float32)
+                self._table = DistanceTable(cells, np.empty((len(self._states), 2, dim)))
+            table = self._table
+            missing = [s for s in slices if not self._ready[s]]
+            in_threads(lambda s: self._fill(table, s), missing, cores())
+            self._ready[missing] = True
+            if self._ready.all():
+                self.known = table
+            return table
+
+    def _fill(self, table: DistanceTable, s: int) -> None:
+        """Compute the distances and the box of a slice."""
+        states, exterior = self._states[s], self._exterior[s]
+        table.boxes[s] = find_box(states, exterior)
+        compute_distances(states, exterior, table.cells.reshape(self._states.shape)[s])
+
+
+# ---- the table -----------------------------------------------------------------------------------
+
+
+def find_box(states: Bytes, exterior: Ints) -> Floats:
+    """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
+
+    ``exterior`` is a row of :attr:`cspace.map.exterior.Exterior.table`.
+    """
+    dim = states.ndim
+    if exterior[-1] != FREE:
+        return np.repeat([[-math.inf], [math.inf]], dim, axis=1)
+    box = np.repeat([[math.inf], [-math.inf]], dim, axis=1)
+    first, last = exterior[:dim], exterior[dim:-1]
+    if (first <= last).all():
+        box[:] = first, last + 1.0
+    taken = states != FREE
+    for axis in range(dim):
+        others = tuple(other for other in range(dim) if other != axis)
+        layers = np.flatnonzero(taken.any(axis=others))
+        if len(layers):
+            box[0, axis] = min(box[0, axis], layers[0])
+            box[1, axis] = max(box[1, axis], layers[-1] + 1.0)
+    return box
+
+
+def compute_distances(states: Bytes, exterior: Ints, out: Distances) -> None:
+    """Write the distances of the cells of a slice.
+
+    ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
+    """
+    out[...] = np.where(states == FREE, np.float32(math.inf), np.float32(0.0))
+    for axis, count in enumerate(out.shape):
+        _spread_along(out.reshape(math.prod(out.shape[:axis]), count, -1))
+    for low, high in boxes_outside(exterior, out.shape):
+        np.minimum(out, measure_squares(low, high, out.shape), out=out)
+    np.sqrt(out, out=out)
+
+
+def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, Floats]]:
+    """List the boxes of cells outside the grid that are not FREE, as corners in cells.
+
+    There is at most one box beyond each side of the grid.
+    """
+    dim = len(shape)
+    low, high = exterior[:dim].astype(np.float64), exterior[dim:-1].astype(np.float64) + 1.0
+    if exterior[-1] != FREE:
+        low, high = np.full(dim, -math.inf), np.full(dim, math.inf)
+    boxes = list[tuple[Floats, Floats]]()
+    for axis, count in enumerate(shape):
+        below, above = high.copy(), low.copy()
+        below[axis] = min(high[axis], 0.0)
+        above[axis] = max(low[axis], count)
+        boxes += [(low, below), (above, high)]
+    return [(first, stop) for first, stop in boxes if (first < stop).all()]
+
+
+def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distances:
+    """Return the squared distances from the centers of cells to a box.
+
+    ``low`` and ``high`` are the corners of the box, in cells; ``shape`` is that of the grid.
+    """
+    squares = np.zeros(1, dtype=np.float32)
+    for axis, count in enumerate(shape):
+        centers = np.arange(count) + 0.5
+        gaps = np.maximum(np.maximum(low[axis] - centers, centers - high[axis]), 0.0)
+        squares = squares[..., np.newaxis] + (gaps * gaps).astype(np.float32)
+    return squares.reshape(shape)
+
+
+def _spread_along(squares: Distances) -> None:
+    """Lower squared distances to those by way of other cells along the middle axis, in place."""
+    count = squares.shape[1] + 1
+
+    def spread(start: int, stop: int) -> int:
+        borders, firsts = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        spread_squares(squares, borders, np.empty(count), firsts, start, stop)
+        return -1
+
+    in_chunks(spread, squares.shape[0] * squares.shape[2], MIN_LINES_PER_THREAD)
+
+
+@kernel
+def spread_squares(squares: Distances, borders: Ints, heights: Floats, firsts: Ints, start: int, stop: int) -> None:
+    """Lower squared distances of lines [start, stop) along the middle axis.
+
+    Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
+    stands on it, as high as the lower square of the two cells. The scratch arrays have the
+    parabolas of the lower envelope: border, height, and the first cell whose center is nearer to
+    this parabola than to the one before.
+    """
+    _, count, depth = squares.shape
+    for line in range(start, stop):
+        a, b = line // depth, line % depth
+        top, before = -1, math.inf
+        for border in range(count + 1):
+            after = float(squares[a, border, b]) if border < count else math.inf
+            height = min(before, after)
+            before = after
+            if height == math.inf:
+                continue
+            first = 0
+            while top >= 0:
+                width = border - borders[top]
+                crossing = 0.5 * ((height - heights[top]) / width + width)
+                first = borders[top] + math.floor(crossing + 0.5)
+                if first > firsts[top]:
+                    break
+                top, first = top - 1, 0
+            if first < count:
+                top += 1
+                borders[top], heights[top], firsts[top] = border, height, first
+        if top < 0:
+            continue
+        for k in range(count - 1, -1, -1):
+            while firsts[top] > k:
+                top -= 1
+            gap = k + 0.5 - borders[top]
+            square = heights[top] + gap * gap
+            if square < squares[a, k, b]:
+                squares[a, k, b] = square
+
+
+# ---- look-ups ------------------------------------------------------------------------------------
+
+
+@kernel
+def clearance_at(map_: Map, table: DistanceTable, q: Numbers) -> float:
+    """Return a lower bound of the clearance of a configuration, in metres.
+
+    The table has the distances of its slice.
+    """
+    if state_at(map_, q) != FREE:
+        return 0.0
+    s, dim, from_box = map_.rotations.slice_at(q), len(map_.lower), 0.0
+    for axis in range(dim):
+        u = position_along(map_, q, axis)
+        gap = max(0.0, table.boxes[s, 0, axis] - u, u - table.boxes[s, 1, axis])
+        from_box += gap * gap
+    best = math.sqrt(from_box)
+    for corner in range(1 << dim):
+        cell, square = s, 0.0
+        for axis in range(dim):
+            count, u = map_.states.shape[axis + 1], position_along(map_, q, axis)
+            k = math.floor(u - 0.5) + ((corner >> axis) & 1)
+            k = min(max(k, 0), count - 1)
+            gap = u - k - 0.5
+            square += gap * gap
+            cell = cell * count + k
+        best = max(best, table.cells[cell] - math.sqrt(square))
+    return max(0.0, best * ROUNDING_FACTOR - 4.0 * SLACK) * map_.spacing
+
+
+@kernel
+def position_along(map_: Map, q: Numbers, axis: int) -> float:
+    """Return a coordinate in cells; farther ones than MAX_CELL are as far from everything."""
+    return min(max((q[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
+
+
+@kernel
+def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> int:
+    """Compute clearances of configurations, shape (n, size), in metres.
+
+    Return the index of the first unusable configuration, or -1.
+    """
+    for n in range(points.shape[0]):
+        q = configuration(map_, points, n)
+        if not is_usable(map_, q):
+            return n
+        out[n] = clearance_at(map_, table, q)
+    return -1
+
+
+def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[..., float]:
+    """Return ``check(*q)``, the clearance of one configuration in metres.
+
+    It follows all changes of the map.
+    """
+    evaluate = bind_kernel(clearance_at, (map_,), distances.whole(), (0.0,) * size)
+    return lambda *q: evaluate(distances.whole(), q)
