@@ -6,11 +6,9 @@ BLOCKED if the inner raster overlaps an inner cell (see ``docs/explanation/certi
 
 from __future__ import annotations
 
-import itertools
 import os
 from collections.abc import Sequence
 from functools import partial
-from threading import Lock
 from typing import TYPE_CHECKING, Final, TypedDict, Unpack, overload
 
 import numpy as np
@@ -22,24 +20,18 @@ from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import (
     Correlation,
     Progress,
-    RasterGroups,
-    RasterPair,
-    RasterTask,
     group_rasters,
     raster_bytes,
-    raster_tasks,
     slice_rasters,
 )
 from cspace.errors import InputError, UnitWarning, warn_user
 from cspace.grid import SLACK, Grid
-from cspace.limits import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
+from cspace.limits import TRANSFORM_BYTES, build_seconds, check_memory, map_bytes
 from cspace.map.contents import Contents
-from cspace.map.exterior import OUTSIDES, Exterior
-from cspace.map.storage import PackedStates, Stack
+from cspace.map.exterior import OUTSIDES
 from cspace.robot import GROWN, Robot, robot_of
 from cspace.rotations import Rotations
 from cspace.space import CSpace
-from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -118,8 +110,6 @@ def build(
         number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over 2
         pi. For all rotations in space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every
         position and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored once. A map
-        of more than 2^29 states in 8 slices or more, without overlap counts, takes two bits per state instead of a
-        byte; queries answer the same, and queries that need all states in bytes raise InputError if these do not fit.
     inner : bool
         Also prove cells BLOCKED. Otherwise every cell that is not FREE is MIXED, at half the work.
     counts : bool
@@ -209,65 +199,19 @@ def build(
     grid = workspace.grid
     slice_of = cells._slices_for(robot.shape)
     slices = int(slice_of.max()) + 1
-    bytes_of_rasters = raster_bytes(robot, grid.spacing, margin, cells, slices)
-    if is_packed(grid.shape, slices, counts):
-        bytes_of_rasters = min(bytes_of_rasters, SLICE_BYTES * slices)  # a few slices at a time have rasters
-    needed = map_bytes(grid.shape, slices, counts) + bytes_of_rasters
-    check_fits = partial(
-        check_memory, grid=grid, fewer=cells._argument_for_fewer, slices=slices, rasters=bytes_of_rasters
-    )
+    rasters_bytes = raster_bytes(robot, grid.spacing, margin, cells, slices)
+    needed = map_bytes(grid.shape, slices, counts) + rasters_bytes
+    check_fits = partial(check_memory, grid=grid, fewer=cells._argument_for_fewer, slices=slices, rasters=rasters_bytes)
     check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
-    rasters, exterior, overlaps = None, None, None
-    states: Stack
-
-    def correlate(
-        pairs: Sequence[RasterPair], engines: int, workers: int | None, progress: Progress | None
-    ) -> tuple[Correlation, RasterGroups]:
-        """Prepare the correlation of some slices.
-
-        The memory of ``engines``, which work in parallel, is checked.
-        """
-        groups = group_rasters(pairs, inner)
-        correlation = Correlation.create(method, groups, outside, workers, progress, counts)
-        memory = engines * max(correlation.engine.bytes_needed(grid.shape, group, workers) for group in groups)
-        if memory > TRANSFORM_BYTES:  # the first check above included TRANSFORM_BYTES
-            check_fits(needed + memory - TRANSFORM_BYTES, "the map, with the scratch memory of its engine,")
-        return correlation, groups
-
-    if is_packed(grid.shape, slices, counts):
-        # Each thread completes a batch of slices, from rasters to packed states, before it takes the next, so that few
-        # slices are in bytes at a time. All threads share one slice if a slice is large.
-        states = packed = PackedStates((slices, *grid.shape))
-        table, lock = np.empty((slices, 2 * grid.dim + 1), dtype=np.int64), Lock()
-        tasks = raster_tasks(robot, grid.spacing, margin, cells)
-        large, capacity = grid.size > SCRATCH_BYTES, max(1, SCRATCH_BYTES // grid.size)
-        threads = 1 if large else workers or cores()
-
-        def fill_batch(batch: Sequence[RasterTask]) -> str:
-            made = list(itertools.chain.from_iterable(task() for task in batch))
-            scratch, precision = np.empty((min(capacity, len(made)), *grid.shape), dtype=np.uint8), ""
-            for start in range(0, len(made), capacity):
-                indices, pairs = zip(*made[start : start + capacity], strict=True)
-                correlation, groups = correlate(pairs, threads, workers if large else 1, None)
-                filled = correlation.fill(workspace.outer, workspace.inner, groups, scratch[: len(pairs)], None)
-                precision = max(precision, filled)
-                with lock:
-                    for index, slice_states in zip(indices, scratch, strict=False):
-                        packed.write(index, slice_states)
-                table[list(indices)] = Exterior.of(workspace.outer, pairs, outside).table
-            return precision
-
-        batch_size = max(1, capacity * len(tasks) // slices)
-        batches = [tasks[k : k + batch_size] for k in range(0, len(tasks), batch_size)]
-        advance = None if progress is None else partial(_report_progress, progress, slices, len(batches))
-        precision = max(in_threads(fill_batch, batches, threads, advance))
-        exterior = Exterior(table)
-    else:
-        rasters = slice_rasters(robot, grid.spacing, margin, cells)
-        correlation, groups = correlate(rasters, 1, workers, progress)
-        states = np.empty((slices, *grid.shape), dtype=np.uint8)
-        overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
-        precision = correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)
+    rasters = slice_rasters(robot, grid.spacing, margin, cells)
+    groups = group_rasters(rasters, inner)
+    correlation = Correlation.create(method, groups, outside, workers, progress, counts)
+    scratch = max(correlation.engine.bytes_needed(grid.shape, group, workers) for group in groups)
+    if scratch > TRANSFORM_BYTES:  # the first check included TRANSFORM_BYTES
+        check_fits(needed + scratch - TRANSFORM_BYTES, "the map, with the scratch memory of its engine,")
+    states = np.empty((slices, *grid.shape), dtype=np.uint8)
+    overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
+    precision = correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)
     contents = Contents(
         workspace,
         robot,
@@ -278,15 +222,9 @@ def build(
         margin,
         precision,
         overlaps,
-        exterior=exterior,
         proves_blocked=inner,
     )
     return CSpace(contents, rasters)
-
-
-def _report_progress(progress: Progress, slices: int, batches: int, done: int) -> None:
-    """Report the slices of the batches that are done."""
-    progress(slices * done // batches, slices)
 
 
 def _check_types(workspace: object, robot: object) -> None:

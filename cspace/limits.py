@@ -19,7 +19,6 @@ import numpy as np
 from cspace.arrays import Floats, StrPath
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.grid import MAX_COORDINATE, Grid
-from cspace.threads import cores
 
 WORKSPACE_CELL_BYTES: Final = 2
 """Memory for each cell of a workspace: its outer and its inner bitmap."""
@@ -35,9 +34,6 @@ SLICE_BYTES: Final = 2_500
 
 RASTER_CELL_BYTES: Final = {2: 4, 3: 10}
 """Memory for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4, and 8 to 11."""
-
-MAX_UNPACKED_STATES: Final = 2**29
-"""Number of states above which a map stores each in two bits instead of a byte, which is smaller but slower."""
 
 MIN_PACKED_SLICES: Final = 8
 """Minimum number of slices for packed states, because each slice is made in bytes."""
@@ -99,8 +95,6 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     1 for a robot that only translates. ``overlap`` says whether overlap counts are stored.
     """
     cells = count_cells(shape) * slices
-    if is_packed(shape, slices, overlap):
-        return cells // 4 + max(cores() * SCRATCH_BYTES, count_cells(shape)) + TRANSFORM_BYTES
     return cells * (5 if overlap else 1) + TRANSFORM_BYTES
 
 
@@ -112,14 +106,6 @@ def build_seconds(shape: Sequence[int], slices: int = 1) -> float:
     """
     rasters, state = (2e-4, 1e-9) if len(shape) == 2 else (1e-3, 4e-9)
     return slices * (rasters + state * count_cells(shape))
-
-
-def is_packed(shape: Sequence[int], slices: int, overlap: bool = False) -> bool:
-    """Return True if a map stores its states in two bits each.
-
-    A map with overlap counts never does, because the counts take far more.
-    """
-    return not overlap and slices >= MIN_PACKED_SLICES and count_cells(shape) * slices > MAX_UNPACKED_STATES
 
 
 def free_bytes() -> int:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -31,17 +32,13 @@ from cspace.map.batches import (
     in_threaded_chunks,
 )
 from cspace.map.contents import Contents
-from cspace.map.derived import Lock, lazy
+from cspace.map.derived import derived, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.storage import (
     Map,
-    PackedStates,
-    cells_of,
     check_bytes,
     count_states,
-    kernel_states,
     read_only,
-    read_only_of,
 )
 from cspace.raster import Raster
 from cspace.shapes import Shape, ShapeLike, as_shape
@@ -57,24 +54,25 @@ if TYPE_CHECKING:
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.map.search import Costs
+    from cspace.obstacles import ObstacleLayers
     from cspace.spectral.overlap import FourierOverlap, OverlapField
-    from cspace.update import Change, Update, Updater
+    from cspace.update import Update, Updater
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryBackend:
-    """Cells in memory, in bytes or in two bits.
+    """Cells in memory.
 
     Attributes
     ----------
     map_ : Map
         Record of the map; it follows updates.
-    lock : Lock
+    lock : threading.RLock
         Held by an update while it changes cells.
     """
 
     map_: Map
-    lock: Lock
+    lock: Any
 
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query; see :class:`cspace.configuration_map.Backend`."""
@@ -134,9 +132,9 @@ class CSpace(ConfigurationMap, MapExport):
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
         # Updates write to the states of the contents; everything else reads this view.
-        self._seen = read_only_of(contents.states)
+        self._seen: States = read_only(contents.states)
         self._slice_of = contents.slice_of
-        self._lock = Lock()
+        self._lock: AbstractContextManager[Any] = threading.RLock()
         if rasters is not None:
             vars(self)["_rasters"] = list(rasters)
 
@@ -163,7 +161,7 @@ class CSpace(ConfigurationMap, MapExport):
     def overlap_counts(self) -> NDArray[np.int32] | None:
         """Overlap count of each cell, by slice.
 
-        The array is read-only. None if the map was built without counts.
+        The array is read-only. None if the map was built without counts, or its cells changed.
         """
         counts = self._contents.overlap_counts
         return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
@@ -173,7 +171,7 @@ class CSpace(ConfigurationMap, MapExport):
         """State of each cell.
 
         Its shape is (nx, ny) or (nx, ny, nz), after an axis of rotation cells if the robot rotates. The array is
-        read-only. Each access makes a new one if rotation cells share slices or states take two bits.
+        read-only. Each access makes a new one if rotation cells share slices.
 
         Raises
         ------
@@ -181,9 +179,6 @@ class CSpace(ConfigurationMap, MapExport):
             If a new array does not fit into memory.
         """
         every = self._seen
-        if isinstance(every, PackedStates):
-            check_bytes(self.grid.size * len(self._slice_of))
-            every = read_only(np.asarray(every))
         if len(every) < len(self._slice_of):
             every = read_only(every[self._slice_of])
         return every.reshape(self._contents.leading(len(every)))
@@ -542,7 +537,7 @@ class CSpace(ConfigurationMap, MapExport):
         first, last = self._cells_of(endpoints)
         turns = rotations._neighbors, self._turn_costs
         factors = NO_FACTORS if factors is None else factors
-        cells = find_chain(np.asarray(self._seen), self._slice_of, turns, first, last, until, factors=factors)
+        cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors=factors)
         if not len(cells):
             return np.empty((0, self.size))
         path = waypoints(self.grid, rotations, endpoints, cells)
@@ -758,17 +753,17 @@ class CSpace(ConfigurationMap, MapExport):
 
         The first update copies the cells of the workspace, so that the :class:`Workspace` passed to the build, and
         other maps of it, do not change. :attr:`workspace` then has the current cells; its ``shapes`` are None, and
-        queries with ``exact=True`` use the outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top. An
-        overlap field is dropped, because it belongs to the old obstacles. A map built without ``inner`` gets no BLOCKED
-        cells, also after it is saved and opened.
+        queries with ``exact=True`` use the outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap
+        counts and an overlap field are dropped, because they belong to the old obstacles. A map built without ``inner``
+        gets no BLOCKED cells, also after it is saved and opened.
 
-        Caches are refreshed at the next query, except for the counts of FREE cells of :meth:`sample_free`, the
-        distances of :meth:`clearance` and the geometry for ``exact=True``, which are computed anew.
+        All data that the map derives from its cells, such as components, distances and the geometry for ``exact=True``,
+        are computed anew when next asked for.
 
         Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`, :meth:`reachable_bounds`,
-        :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies, pickles and forks. Any other query of another
-        thread during an update reads each cell either before or after it; an :meth:`overlap_count` may be neither the
-        old nor the new count.
+        :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies and pickles. Any other query of another thread
+        during an update reads each cell either before or after it; an :meth:`overlap_count` may be neither the old nor
+        the new count.
 
         Parameters
         ----------
@@ -903,7 +898,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Updater of the states."""
         from cspace.update import Updater
 
-        return Updater(self._contents, self._rasters, self._exterior, self._refresh)
+        return Updater(self._contents, self._rasters, self._exterior, self._drop_derived)
 
     def _check_whole(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
@@ -911,20 +906,19 @@ class CSpace(ConfigurationMap, MapExport):
             rule, hint = "the cells around it matter too", "update the larger map and open the window again"
             raise ConfigurationError("the map", "is a window of a larger one", rule, hint)
 
-    def _refresh(self, change: Change) -> None:
-        """Refresh all caches after the states and the exterior changed in place."""
+    def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
+        """Drop all data that depend on the cells, and take over the workspace of an update."""
         contents = self._contents
-        same = contents.workspace is change.workspace and contents.layers is change.layers
+        same = contents.workspace is workspace and contents.layers is layers
         if not same or contents.field is not None or contents.prove is not None:
-            # Overlap fields and the arm of a joint map belong to the obstacles before the update.
-            self._contents = replace(contents, workspace=change.workspace, layers=change.layers, field=None, prove=None)
-        CSpace._outer_sums.refresh(self, change.workspace.outer, change.cells)
-        CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
-        if change.changed:
-            CSpace._free_cells.drop(self)
-            CSpace._components.drop(self)
-            CSpace._distances.refresh(self)
-        CSpace._exact.refresh(self, self._problem)
+            # Overlap counts and fields, and the arm of a joint map, belong to the obstacles before the update.
+            dropped: dict[str, Any] = {"overlap_counts": None, "field": None, "prove": None}
+            self._contents = replace(contents, workspace=workspace, layers=layers, **dropped)
+        derived.drop(self)
+        # Checkers of planners hold these two objects.
+        for part in ("_distances", "_exact"):
+            if part in vars(self):
+                vars(self)[part].drop()
 
     # ---- overlap fields ----------------------------------------------------------------------------------------------
 
@@ -1008,8 +1002,8 @@ class CSpace(ConfigurationMap, MapExport):
         """The map as input of compiled functions; it follows updates."""
         grid, rotations = self.grid, self.rotations._compile(self._slice_of)
         return Map(
-            kernel_states(self._seen),
-            cells_of(self._seen),
+            self._seen,
+            self._seen.reshape(-1),
             rotations,
             grid.lower,
             grid.spacing,
@@ -1022,7 +1016,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Queries with exact geometry."""
         from cspace.exact.proofs import ExactQueries
 
-        return ExactQueries(self._problem())
+        return ExactQueries(self._problem)
 
     def _problem(self) -> Problem:
         """Return the input of exact queries."""
@@ -1033,13 +1027,13 @@ class CSpace(ConfigurationMap, MapExport):
             self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked, prove
         )
 
-    @lazy
+    @derived
     def _components(self) -> Components:
         """Connected components of the map."""
         from cspace.map.components import Components
 
         exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
-        return Components(np.asarray(self._seen), self._slice_of, self.rotations._neighbors, exterior_open)
+        return Components(self._seen, self._slice_of, self.rotations._neighbors, exterior_open)
 
     @lazy
     def _distances(self) -> DistanceMap:
@@ -1057,21 +1051,21 @@ class CSpace(ConfigurationMap, MapExport):
 
         return Runs.of([outer for outer, _ in self._rasters])
 
-    @lazy
+    @derived
     def _outer_sums(self) -> Sums:
         """Sums of the outer cells, for overlap counts."""
         from cspace.map.overlaps import Sums
 
         return Sums(self.workspace.outer)
 
-    @lazy
+    @derived
     def _inner_sums(self) -> Sums:
         """Sums of the inner cells, for overlap counts."""
         from cspace.map.overlaps import Sums
 
         return Sums(self.workspace.inner)
 
-    @lazy
+    @derived
     def _free_cells(self) -> FreeCells:
         """FREE cells, for sampling."""
         from cspace.map.sampling import FreeCells

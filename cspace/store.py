@@ -42,7 +42,7 @@ from cspace.files.access import check_suffix, decoding, read_bytes, read_member,
 from cspace.files.chunks import MAX_CHUNK_BYTES, Layout, unpack
 from cspace.files.plain import read_json
 from cspace.grid import Grid
-from cspace.limits import check_bytes, is_packed
+from cspace.limits import check_bytes
 from cspace.map.contents import Contents
 from cspace.map.description import (
     AXES,
@@ -748,7 +748,6 @@ class Store:
         Beyond the map they follow the `table` of an Exterior.
         """
         shape = tuple(part.stop - part.start for part in box)
-        packed = is_packed(shape, self.slices) if packed is None else packed
         bits = PackedStates((self.slices, *shape)) if packed else None
         states = np.empty((0 if packed else self.slices, *shape), dtype=np.uint8)
         for layer in range(self.layers):
@@ -803,10 +802,7 @@ class Store:
             raise map_error(self.path, "its records differ from their digest")
         arrays = {name: self.array(name) for name in self.names.difference(TILED, ("shapes",))}
         box = tuple(slice(0, n) for n in self.grid.shape)
-        packed = is_packed(self.grid.shape, self.slices, "overlap_counts" in arrays)
-        check_bytes(
-            self.path / "cell_states", self.slices * math.prod(self.grid.shape) // (4 if packed else 1), "unpacks to"
-        )
+        check_bytes(self.path / "cell_states", self.slices * math.prod(self.grid.shape) // 1, "unpacks to")
         outer, inner = self.obstacles_in(box, records.__getitem__)
         source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
         leading = (*self.rotations._leading_axes(self.slices), *self.grid.shape)
@@ -815,7 +811,7 @@ class Store:
             self.robot,
             self.rotations,
             self.slice_of,
-            self.states_in(box, records.__getitem__, packed=packed),
+            np.asarray(self.states_in(box, records.__getitem__, packed=False)),
             str(self.metadata["outside"]),
             float(self.metadata["margin"]),
             str(self.metadata["precision"]),

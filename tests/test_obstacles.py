@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from cspace.map.mip import OccupancyPyramid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
+from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace, update
 from cspace.shapes import Box, Shape, as_shape
 from tests import solids
 from tests.maps import proven_paths
@@ -401,17 +400,17 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
 
 
 def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    space, calls, real = build_empty_room(), [], OccupancyPyramid.refresh
+    space, calls, real = build_empty_room(), [], update._overwrite
     space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
     space.clearance((1.0, 1.0))
 
-    def interrupt(self: OccupancyPyramid, change: Any) -> None:
+    def interrupt(*change: Any) -> None:
         calls.append(change)
-        if len(calls) == 1:
+        if len(calls) == 2:
             raise KeyboardInterrupt
-        real(self, change)
+        real(*change)
 
-    monkeypatch.setattr(OccupancyPyramid, "refresh", interrupt)
+    monkeypatch.setattr(update, "_overwrite", interrupt)
     with pytest.raises(KeyboardInterrupt):
         space.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))  # two changes
     fresh = build_empty_room()

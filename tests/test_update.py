@@ -1,7 +1,7 @@
 """Updates of maps: equality with new builds, results, refusals and threads."""
 
-import importlib
 import threading
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -269,65 +269,37 @@ def test_update_accepts_cells_of_any_type() -> None:
             assert set(np.unique(space.workspace.outer.view(np.uint8))) == {0, 1}
 
 
-@pytest.mark.parametrize(
-    ("keeper", "rotations"),
-    [
-        ("overlaps.Sums", None),
-        ("distance.DistanceMap", None),
-        ("distance.DistanceMap", 4),
-    ],
-)
+@pytest.mark.parametrize("rotations", [None, 4])
+@pytest.mark.parametrize("number", range(3))
 def test_interrupted_update_leaves_a_correct_map(
-    keeper: str, rotations: int | None, monkeypatch: pytest.MonkeyPatch
+    rotations: int | None, number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Interrupt one of the steps that write into the map or drop its data."""
     outer, rng = np.zeros((20, 18), dtype=bool), np.random.default_rng(0)
-    options = {"outside": "free", "margin": 0.0, "counts": True, "rotations": rotations}
+    options = {"outside": "free", "margin": 0.0, "rotations": rotations}
     world = World(outer, outer.copy(), Robot.rectangle(2.0, 1.0), options, rng)
     space = world.build()
     check(space, world.build(), world)
-    module, name = keeper.split(".")
-    part = getattr(importlib.import_module(f"cspace.map.{module}"), name)
-    ours, calls, real = checkers(space), [], part.refresh
+    ours, calls = checkers(space), []
 
-    def interrupt(*args) -> None:
-        calls.append(args)
-        if len(calls) == 1:
-            raise KeyboardInterrupt
-        real(*args)
+    def interrupted(step: Any) -> Any:
+        def run(*args: Any) -> Any:
+            calls.append(step)
+            if len(calls) == number + 1:
+                raise KeyboardInterrupt
+            return step(*args)
 
-    monkeypatch.setattr(part, "refresh", interrupt)
+        return run
+
+    monkeypatch.setattr(space._updates, "_drop_derived", interrupted(space._drop_derived))
+    monkeypatch.setattr(update, "_overwrite", interrupted(update._overwrite))
     cells = np.ones((3, 3), dtype=bool)
     world.outer[4:7, 5:8] = world.inner[4:7, 5:8] = True
-    with pytest.raises(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt):
         space.update(cells, (4, 5))
+    assert len(calls) > number
     check(space, world.build(), world)
     check_agreement(ours, checkers(world.build()), world)
-
-
-@pytest.mark.parametrize("number", [0, 2, 7], ids=["first batch", "third batch", "never"])
-def test_an_update_interrupted_between_batches_of_slices_is_completed(
-    number: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(update, "SCRATCH_BYTES", 1)  # a slice at a time
-    space = build_empty_room("free", Robot.rectangle(0.6, 0.4, (0.3, 0.1)), 5)
-    calls, fill = [], Correlation.fill
-
-    def interrupt(*args: Any) -> str:
-        calls.append(args)
-        if len(calls) == number + 1:
-            raise KeyboardInterrupt
-        return fill(*args)
-
-    monkeypatch.setattr(Correlation, "fill", interrupt)
-    try:
-        space.update(OBSTACLE, (18, 13))
-    except KeyboardInterrupt:
-        assert number < 5
-    monkeypatch.setattr(Correlation, "fill", fill)
-    occupied = fill_boxes((40, 30), np.s_[18:22, 13:17])
-    fresh = cspace.build(Workspace.from_array(occupied, 0.1), space.robot, outside="free", rotations=5)
-    np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
-    np.testing.assert_array_equal(space.workspace.outer, occupied)
 
 
 def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

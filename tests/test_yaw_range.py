@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -16,10 +15,9 @@ from ompl import util as ou
 
 import cspace
 import planners
-from cspace import Robot, Workspace, limits
+from cspace import Robot, Workspace
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
-from cspace.map.storage import PackedStates
 from planners.states import kind_of
 from tests.maps import proven_paths
 from tests.planning import ENDPOINTS, build_room
@@ -69,12 +67,9 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
     with TemporaryDirectory() as folder:
         space.save(Path(folder) / "saved.zarr")
         tiled = cspace.build(workspace, robot, rotations=rotations, store=Path(folder) / "tiled.zarr", tile=8)
-        with mock.patch.multiple(limits, MAX_UNPACKED_STATES=0, MIN_PACKED_SLICES=0):
-            packed = cspace.build(workspace, robot, rotations=rotations)
-        assert isinstance(packed._seen, PackedStates)
         opened = cspace.open(Path(folder) / "saved.zarr")
         assert isinstance(opened, cspace.CSpace)
-        for each in (space, opened, packed, tiled.window(space.grid.lower, space.grid.upper)):
+        for each in (space, opened, tiled.window(space.grid.lower, space.grid.upper)):
             assert_in_range(*returned_yaws(each, rng))
         first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)

@@ -366,19 +366,18 @@ class _MapEstimate:
             check_memory,
             count_cells,
             free_bytes,
-            is_packed,
             map_bytes,
         )
 
         shape = grid.shape
         cells = count_cells(shape)
         read, workspace, rasters = bytes_per_cell * cells, WORKSPACE_CELL_BYTES * cells, 0.0
-        if self._robot is not None and not is_packed(shape, self.slices):
+        if self._robot is not None:
             rasters = raster_bytes(self._robot, grid.spacing, 0.0, self._rotations, self.slices)
         states = map_bytes(shape, self.slices) + rasters
         needed = int(max(read, workspace + states))
         memory: dict[str, Any] = {
-            "map_bytes": cells * self.slices // (4 if is_packed(shape, self.slices) else 1),
+            "map_bytes": cells * self.slices,
             "needed_bytes": needed,
             "free_bytes": free_bytes(),
             "fits": True,

@@ -53,8 +53,8 @@ class ExactQueries:
     Cells answer if they decide, and proofs decide the rest.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    def __init__(self, make_problem: Callable[[], Problem]) -> None:
+        self._make_problem = make_problem
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
@@ -89,7 +89,7 @@ class ExactQueries:
         length and half its angle. A blocked exterior counts as an obstacle. The bound is infinite if there are no
         obstacles.
         """
-        return self._problem.margin + self._current_proofs().slack(as_contiguous(points), lengths, angles)
+        return self._make_problem().margin + self._current_proofs().slack(as_contiguous(points), lengths, angles)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """Make ``check(*q)``, which returns True only if a configuration is proven free.
@@ -108,13 +108,13 @@ class ExactQueries:
         self._current_proofs()
         return lambda *both: quick(*both) or self._current_proofs().edge(*both)
 
-    def refresh(self, problem: Callable[[], Problem]) -> None:
-        """Replace the problem after an update.
+    def drop(self) -> None:
+        """Drop the proofs, because obstacles change.
 
-        Existing checkers use the new one from their next call on.
+        Existing checkers use new ones from their next call on.
         """
         with self._lock:
-            self._problem, self._proofs = problem(), None
+            self._proofs = None
 
     def _current_proofs(self) -> Proofs:
         """Return the proofs for the current obstacles, made at the first call."""
@@ -122,7 +122,8 @@ class ExactQueries:
         if proofs is None:
             with self._lock:
                 if self._proofs is None:
-                    self._proofs = (self._problem.prove or BoundaryProofs)(self._problem)
+                    problem = self._make_problem()
+                    self._proofs = (problem.prove or BoundaryProofs)(problem)
                 proofs = self._proofs
         return proofs
 

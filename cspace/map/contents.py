@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FIELD_NAME, Floats, Ints
+from cspace.arrays import FIELD_NAME, Floats, Ints, States
 from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
-from cspace.map.storage import Stack, read_only
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Contents:
     rotations : Rotations
     slice_of : ndarray of int64, shape (rotations,)
         The slice of each rotation cell.
-    states : ndarray of uint8, or PackedStates, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
         FREE, MIXED or BLOCKED for each cell of positions of the reference point. Taken over, not copied, unless
         it is read-only: updates write into it.
     outside : {"blocked", "free", "unknown"}
@@ -64,7 +64,7 @@ class Contents:
     robot: Robot
     rotations: Rotations
     slice_of: Ints
-    states: Stack
+    states: States
     outside: str = "blocked"
     margin: float = 0.0
     precision: str = "integer"

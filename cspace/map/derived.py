@@ -19,7 +19,8 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     """Turn a method into an attribute, computed at first access.
 
     One thread computes the part and any others wait: all parts of an object share its lock ``_lock``, which an update
-    holds while it changes the object. Copies and pickles of the object must omit its ``__dict__``, where parts are kept.
+    holds while it changes the object. Copies and pickles of the
+    object must omit its ``__dict__``, where parts are kept.
     """
 
     def __init__(self, make: Callable[[Any], Part]) -> None:

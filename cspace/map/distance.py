@@ -28,7 +28,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Final, NamedTuple
+from contextlib import AbstractContextManager
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,6 @@ from numpy.typing import NDArray
 from cspace.arrays import FREE, Bytes, Floats, Ints
 from cspace.compiling import bind_kernel, kernel
 from cspace.grid import SLACK
-from cspace.map.derived import Lock
 from cspace.map.points import MAX_CELL, Numbers, configuration, is_usable, state_at
 from cspace.map.storage import Map, Stack
 from cspace.threads import cores, in_chunks, in_threads
@@ -82,13 +82,13 @@ class DistanceMap:
         The table, once it has the distances of all slices after the last change.
     """
 
-    def __init__(self, states: Stack, exterior: Ints, lock: Lock) -> None:
+    def __init__(self, states: Stack, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
         self._states, self._exterior, self._lock = states, exterior, lock
         self._table: DistanceTable | None = None
         self._ready = np.zeros(len(states), dtype=np.bool_)
         self.known: DistanceTable | None = None
 
-    def refresh(self) -> None:
+    def drop(self) -> None:
         """Drop all distances, because states changed.
 
         Tables returned earlier stay as they are.

@@ -7,6 +7,7 @@ least once, and the result is the worst of all passes; so no missing tile makes 
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
@@ -20,7 +21,6 @@ from cspace.arrays import Bytes, Floats
 from cspace.configuration_map import Result
 from cspace.errors import FileError
 from cspace.map.batches import Kernel, Query, as_contiguous
-from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
 from cspace.map.storage import ASIDE, MISSING, USED, Map, TileCells, pack, read_only
 from cspace.obstacles import CellsInMemory
@@ -103,7 +103,7 @@ class TileBackend:
     """
 
     def __init__(self, store: Store, cache_bytes: int) -> None:
-        self.lock, self.limit = Lock(), int(cache_bytes)
+        self.lock, self.limit = threading.RLock(), int(cache_bytes)
         self._open(store)
 
     def _open(self, store: Store) -> None:

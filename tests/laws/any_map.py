@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
-from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ MAP_INPUTS: dict[str, tuple[tuple[int, ...], Robot, Any]] = {
 }
 """Shape of the workspace, robot and rotation cells in each space."""
 
-ALL_KINDS = [(space, storage) for storage in ("memory", "packed", "tiled", "saved") for space in MAP_INPUTS]
+ALL_KINDS = [(space, storage) for storage in ("memory", "tiled", "saved") for space in MAP_INPUTS]
 """Kinds of maps: space and storage."""
 
 
@@ -68,7 +67,7 @@ def reopen(space: Any, path: Path) -> Any:
 
 
 def build_map(space: str, storage: str, outside: str, seed: int, folder: Path, thin: bool = False) -> AnyMap:
-    """Build a map of a space in memory, packed in two bits, tiled, or saved and opened.
+    """Build a map of a space in memory, tiled, or saved and opened.
 
     If ``thin``, the obstacles fill only half of the cells that they touch.
     """
@@ -86,10 +85,7 @@ def build_map(space: str, storage: str, outside: str, seed: int, folder: Path, t
     plain = rebuild(occupied)
     states = plain.cell_states.reshape(-1, *shape)
     made: Any = plain
-    if storage == "packed":
-        with mock.patch("cspace.builder.is_packed", lambda *sizes: True):
-            made = rebuild(occupied)
-    elif storage == "tiled":
+    if storage == "tiled":
         made = rebuild(occupied, store=folder / "tiled.zarr", tile=7)
     elif storage == "saved":
         made = reopen(plain, folder / "saved.zarr")
