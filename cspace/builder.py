@@ -109,7 +109,7 @@ def build(
         Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about z in space: the
         number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over 2
         pi. For all rotations in space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every
-        position and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored once. A map
+        position and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored once.
     inner : bool
         Also prove cells BLOCKED. Otherwise every cell that is not FREE is MIXED, at half the work.
     counts : bool
