@@ -34,11 +34,12 @@ def newest(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def constraints(session: nox.Session) -> None:
-    """Pin the newest releases of all dependencies, for all Pythons and systems, in constraints.txt."""
+    """Pin the newest releases in constraints.txt, for all Pythons and systems."""
     session.run(
-        *(PYTHON, "-m", "uv", "pip", "compile", "--quiet", "--universal", "--upgrade", "--no-annotate"),
+        *(PYTHON, "-m", "uv", "pip", "compile", "pyproject.toml", "-o", "constraints.txt"),
+        *("--quiet", "--universal", "--upgrade", "--no-annotate"),
         *("--python-version", PYTHONS[0], "--extra", "dev", "--extra", "benchmark"),
-        *("--custom-compile-command", "nox -s constraints", "pyproject.toml", "-o", "constraints.txt"),
+        *("--custom-compile-command", "nox -s constraints"),
     )
 
 

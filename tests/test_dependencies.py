@@ -85,13 +85,16 @@ def test_every_dependency_has_a_lower_and_an_upper_bound(text: str) -> None:
     assert requirement.name == "cspace" or operators == {">=", "<"}
 
 
-# ---- pinned releases -------------------------------------------------------------------------------------------------
+# ---- pinned releases ---------------------------------------------------------------------------
 
 PINS = [
     Requirement(line)
     for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     if not line.startswith("#")
 ]
+
+MACHINES = ["linux aarch64", "linux x86_64", "darwin arm64", "darwin x86_64"]
+"""Values of sys_platform and platform_machine, as markers name them."""
 
 
 def test_constraints_are_plain_pins() -> None:
@@ -101,10 +104,12 @@ def test_constraints_are_plain_pins() -> None:
         assert re.fullmatch(r"==[^*,]+", str(pin.specifier)), pin
 
 
-@pytest.mark.parametrize("system", ["linux", "darwin"])
+@pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
-def test_constraints_pin_every_dependency_within_its_bounds(python: str, system: str) -> None:
-    environment = {"python_version": python, "python_full_version": f"{python}.9", "sys_platform": system}
+def test_constraints_pin_every_dependency_within_its_bounds(python: str, machine: str) -> None:
+    system, processor = machine.split()
+    environment = {"sys_platform": system, "platform_machine": processor}
+    environment |= {"python_version": python, "python_full_version": f"{python}.9"}
     chosen = [pin for pin in PINS if pin.marker is None or pin.marker.evaluate(environment)]
     pins = {normalize(pin.name): str(pin.specifier).removeprefix("==") for pin in chosen}
     assert len(pins) == len(chosen)

@@ -55,7 +55,12 @@ _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a wrong line that a message quotes."""
 
 
-def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes") -> Path:
+def check_file(
+    path: str | os.PathLike[str],
+    kind: str,
+    memory: float = 1.0,
+    limit: SizeLimit = "max_bytes",
+) -> Path:
     """Return `path` as a Path, if a readable plain file is there.
 
     `kind` names the expected file in messages, such as "ROS map". Reading takes `memory` bytes per byte of the file.
@@ -197,7 +202,12 @@ def check_suffix(path: str | os.PathLike[str], known: Iterable[str], rule: str, 
     return suffix
 
 
-def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes") -> bytes:
+def read_bytes(
+    path: str | os.PathLike[str],
+    kind: str,
+    memory: float = 1.0,
+    limit: SizeLimit = "max_bytes",
+) -> bytes:
     """Return the content of a file; parameters as for :func:`check_file`.
 
     Raises InputError or FileError as :func:`check_file`, and FileError if the system refuses to read the file.
@@ -232,7 +242,12 @@ def read_member(folder: str | os.PathLike[str], name: str, kind: str) -> bytes |
         return None  # another process has just removed it
 
 
-def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0, limit: SizeLimit = "max_bytes") -> str:
+def read_text(
+    path: str | os.PathLike[str],
+    kind: str,
+    memory: float = 4.0,
+    limit: SizeLimit = "max_bytes",
+) -> str:
     """Return the text of a UTF-8 file.
 
     Every line end becomes a newline; parameters as for :func:`check_file`.

@@ -38,7 +38,7 @@ _PLAIN_WORD: Final = re.compile(
 """Unquoted YAML words that are not text. As in JSON, a float needs no point."""
 
 _MEMORY_PER_YAML_BYTE: Final = 60.0
-"""Bytes of memory to load one byte of YAML. Measured: 57 for a list of tables with one short key."""
+"""Bytes of memory to load one byte of YAML. Measured: 57 for many tables of one short key."""
 
 _MEMORY_PER_JSON_BYTE: Final = 20.0
 """Bytes of memory to load one byte of JSON."""
@@ -49,8 +49,8 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
 
     `kind` names the expected file in messages.
 
-    Raises FileError if the file is missing, is too large, is not YAML, or holds more than one document or anything but
-    plain values.
+    Raises FileError if the file is missing, is too large, is not YAML, or holds more than one
+    document or anything but plain values.
     """
     text = read_text(path, kind, _MEMORY_PER_YAML_BYTE, "max_description_bytes")
     with decoding(path, "YAML file", f"a {kind} must be YAML", "correct that line"):
@@ -80,14 +80,15 @@ class _Level:
         elif isinstance(value, str) and value not in self.values:
             self.key = value
         else:
-            raise _not_plain(event, f"the key {str(value)[:40]!r}, which is not text or is repeated,")
+            name = str(value)[:40]
+            raise _not_plain(event, f"the key {name!r}, which is not text or is repeated,")
 
 
 def _load_yaml(text: str) -> Any:
     """Load a YAML document of plain values.
 
-    PyYAML splits the text into events. They are joined here, because its own loader recurses, and takes ten times as
-    long for many short lists.
+    PyYAML splits the text into events. They are joined here, because its own loader recurses, and
+    takes ten times as long for many short lists.
 
     Raises ContentError if it holds anything else.
     """
@@ -111,7 +112,8 @@ def _load_yaml(text: str) -> Any:
             values = levels.pop().values
             levels[-1].add(values, event)
     if len(documents) > 1:
-        raise ContentError(f"holds {len(documents)} documents", "it must hold one", "remove the others")
+        problem = f"holds {len(documents)} documents"
+        raise ContentError(problem, "it must hold one", "remove the others")
     return documents[0] if documents else None
 
 
@@ -141,14 +143,15 @@ def read_json(
     `kind` names the expected file in messages. The caller needs `each_list` bytes for each list of the file,
     besides the value itself. `limit` is the limit of :mod:`cspace.limits` for its size.
 
-    Raises FileError if the file is missing, is too large, is not JSON, is nested too deeply, or does not fit into
-    memory.
+    Raises FileError if the file is missing, is too large, is not JSON, is nested too deeply, or
+    does not fit into memory.
     """
     text = read_text(path, kind, _MEMORY_PER_JSON_BYTE, limit)
     with decoding(path, "JSON file", f"a {kind} must be JSON", "correct that place"):
         check_nesting(text, "[{", "]}")
         lists = text.count("[")
-        check_file_memory(path, f"holds {lists:,} lists", each_list * lists + _MEMORY_PER_JSON_BYTE * len(text))
+        needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)
+        check_file_memory(path, f"holds {lists:,} lists", needed)
         return json.loads(text, parse_int=_integer)
 
 

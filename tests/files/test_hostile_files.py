@@ -305,8 +305,10 @@ def open_with_spacing(path: Path) -> Workspace:
 def test_text_that_is_parsed_whole_is_refused_by_its_size(
     tmp_path: Path, name: str, limit: str, read: Callable[[Path], object]
 ) -> None:
-    size = {"max_description_bytes": 15_000_000, "max_text_bytes": 80_000_000}[limit]
-    figures = {"max_description_bytes": "15 MB; at most 4.19 MB", "max_text_bytes": "80 MB; at most 67.1 MB"}[limit]
+    size, figures = {
+        "max_description_bytes": (15_000_000, "15 MB; at most 4.19 MB"),
+        "max_text_bytes": (80_000_000, "80 MB; at most 67.1 MB"),
+    }[limit]
     path = tmp_path / name
     path.touch()
     os.truncate(path, size)

@@ -77,7 +77,7 @@ def test_binary_lists_of_changing_length_are_refused(tmp_path):
     (make_ply("ascii", tail=b" 7"), "6 words"),
     (make_ply("binary_little_endian", tail=b"abc"), "faces of equally many corners"),
     (make_ply("ascii", name="corners"), "one list named vertex_indices"),
-    (make_ply("ascii", types=("float", "uchar", "float"), faces=[(0, 1, 2.5)]), "elements that are not as declared"),
+    (make_ply("ascii", types=("float", "uchar", "float"), faces=[(0, 1, 2.5)]), "not as declared"),
     (make_ply("ascii", faces=[(0, 1, 8)]), "vertex 8"),
     (make_ply("ascii", faces=[(0, 1, -1)]), "vertex -1"),
     (make_ply("ascii", faces=[(0, 1)]), "2 corners"),
