@@ -19,6 +19,7 @@ from cspace.configuration_space import ConfigurationSpace, TileSubproblem
 from cspace.errors import InputError
 from cspace.rotations.base import TWO_PI
 from cspace.space import CSpace
+from cspace.words import Drive
 from planners.catalogue import (
     BIRRT,
     BUILT_IN_SEARCHES,
@@ -27,6 +28,7 @@ from planners.catalogue import (
     MAX_CLEARANCE,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
+    PlannerName,
     planner_named,
     planner_names,
 )
@@ -98,9 +100,9 @@ class Choices(NamedTuple):
         Names of the drives that need a turning radius.
     """
 
-    planners: tuple[str, ...]
-    drives: tuple[str, ...]
-    curves: tuple[str, ...]
+    planners: tuple[PlannerName, ...]
+    drives: tuple[Drive, ...]
+    curves: tuple[Drive, ...]
 
 
 def choices(space: ConfigurationSpace) -> Choices:
@@ -130,7 +132,8 @@ def choices(space: ConfigurationSpace) -> Choices:
     searches, is_car = local_planner(space).built_in_searches, space.axes == CAR_AXES
     if not isinstance(space, CSpace):
         searches = searches[:1]  # MaxClearance needs a map in memory
-    names = (*planner_names(), *searches, *[LATTICE] * is_car)
+    lattice: tuple[PlannerName, ...] = (LATTICE,) if is_car else ()
+    names = (*planner_names(), *searches, *lattice)
     return Choices(names, DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
 
 
@@ -139,14 +142,14 @@ def plan(
     start: ArrayLike,
     goal: GoalLike,
     *,
-    planner: str | None = None,
+    planner: PlannerName | None = None,
     time_limit: float = 1.0,
     iterations: int | None = None,
     simplify: bool = True,
     seed: int | None = None,
     objective: str | MakeObjective = "length",
     exact: bool = False,
-    drive: str = HOLONOMIC,
+    drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
@@ -195,8 +198,9 @@ def plan(
         goals. Goals that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`.
         PRM and PRMstar take one configuration.
     planner : str, optional
-        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search. The
-        default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
+        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search;
+        type checkers know the names as OMPL spells them. The default is "Grid" or "Lattice" as said above, otherwise
+        RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
 
         - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE cells join start and
           goal; deterministic.
@@ -360,7 +364,7 @@ def _check_built_in_search(task: _Task) -> None:
         raise InputError("planner", f"is {name!r} and the map is in a store", rule, hint, value=name)
 
 
-def _check_iterations(value: int | None, planner: str) -> int | None:
+def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
     """Check the number of iterations for a planner."""
     if value is None:
         return None
@@ -372,7 +376,7 @@ def _check_iterations(value: int | None, planner: str) -> int | None:
 
 
 def _make_objective(
-    space: ConfigurationSpace, objective: str | MakeObjective, planner: str, edges: LocalPlanner
+    space: ConfigurationSpace, objective: str | MakeObjective, planner: PlannerName, edges: LocalPlanner
 ) -> MakeObjective | None:
     """Return the maker of the objective; None for OMPL's length."""
     drive, radius = edges.drive, edges.turning_radius
@@ -409,7 +413,7 @@ def _prefer_built_in(task: _Task) -> _Task:
         return task
     if edges.exact and not is_holonomic:
         return task
-    fallback: str | None = search.planner
+    fallback: PlannerName | None = search.planner
     try:
         make_bounded_states(edges)
     except InputError:  # the space is too small for OMPL

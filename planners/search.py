@@ -31,6 +31,7 @@ from planners.catalogue import (
     BIDIRECTIONAL_BY_DRIVE,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
+    PlannerName,
     make_planner,
     planner_named,
 )
@@ -149,12 +150,12 @@ class SearchResult:
 class Search:
     """Planner and options of a search."""
 
-    planner: str  # name of a planner of OMPL, or of a built-in search
+    planner: PlannerName  # name of a planner of OMPL, or of a built-in search
     objective: MakeObjective | None = None  # takes the space information; None for the length
     iterations: int | None = None  # largest number of checks of OMPL's termination condition
     simplify: bool = True
     seed: int | None = None
-    fallback: str | None = None  # planner that takes over if this one finds no path
+    fallback: PlannerName | None = None  # planner that takes over if this one finds no path
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
         """Search by OMPL for a path from start to goal.
@@ -257,7 +258,7 @@ class _Run:
         checks, max_checks, end = itertools.count(1), self._search.iterations, clock() + seconds
         return ob.PlannerTerminationCondition(lambda: next(checks) > max_checks or clock() > end)
 
-    def _find_initial_path(self, planner: str, deadline: Deadline) -> og.PathGeometric | None:
+    def _find_initial_path(self, planner: PlannerName, deadline: Deadline) -> og.PathGeometric | None:
         """Find the cheapest of a few paths, and improve it.
 
         The paths often pass obstacles on different sides. A planner with an objective must beat the result, because it

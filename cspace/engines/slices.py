@@ -21,6 +21,7 @@ from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
+from cspace.words import Method
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
@@ -131,7 +132,7 @@ class Correlation:
     @classmethod
     def create(
         cls,
-        method: str,
+        method: Method,
         groups: RasterGroups,
         outside: str,
         workers: int | None,
