@@ -36,6 +36,7 @@ from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_
 from cspace.space import CSpace
 from cspace.words import Drive
 from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, PlannerName
+from planners.refinement import find_needed_rotations
 from planners.states import Configuration, check_space, kind_of
 
 if TYPE_CHECKING:
@@ -419,13 +420,19 @@ class EdgesOnMap(LocalPlanner):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside a FREE cell"
+        rotations = ""
+        if isinstance(space, CSpace) and state == MIXED and not self.exact:
+            rotations = find_needed_rotations(space, point)
+        hints = [f"build the map with {rotations}, which proves the {name} FREE"] if rotations else []
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
-            hint = f"the nearest is {format_point(nearest)}"
+            hints.append(f"the nearest is {format_point(nearest)}")
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
-            hint = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
+            hints.append(f"the map has no FREE configuration {where}")
+            hints += [] if rotations else ["use a smaller robot, margin or spacing"]
+        hint = "; ".join(hints)
         return ConfigurationError(name, f"{format_point(point)} {problem}", rule, hint, value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
