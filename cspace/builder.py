@@ -32,6 +32,7 @@ from cspace.map.exterior import OUTSIDES
 from cspace.robot import GROWN, Robot, robot_of
 from cspace.rotations import Rotations
 from cspace.space import CSpace
+from cspace.words import Method, Outside
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ class BuildOptions(TypedDict, total=False):
     rotations: int | ArrayLike | Rotations | None
     inner: bool
     counts: bool
-    method: str
-    outside: str
+    method: Method
+    outside: Outside
     margin: float
     workers: int | None
     progress: Progress | None
@@ -84,8 +85,8 @@ def build(
     rotations: int | ArrayLike | Rotations | None = None,
     inner: bool = True,
     counts: bool = False,
-    method: str = "auto",
-    outside: str = "blocked",
+    method: Method = "auto",
+    outside: Outside = "blocked",
     margin: float = 0.0,
     workers: int | None = None,
     progress: Progress | None = None,
@@ -244,9 +245,9 @@ def _check(
     workspace: Workspace,
     robot: Robot,
     rotations: Rotations,
-    method: str,
+    method: Method,
     counts: bool,
-    outside: str,
+    outside: Outside,
     workers: int | None,
 ) -> None:
     """Raise InputError if an argument is invalid."""

@@ -106,7 +106,8 @@ class SpaceView:
         path : array-like, shape (n, size), or Plan, optional
             A path to show. Trajectories, and plans of arms, are played at true speed.
         start, goal : array-like, shape (size,), optional
-            Initial start and goal; by default the endpoints of the path, or FREE configurations far apart.
+            Initial start and goal; by default the endpoints of the path, or FREE configurations far apart. An arm with
+            a start alone has no goal until one is set on the page.
         frame : str, optional
             Frame of an arm that users drag, such as ``"tool0"``; by default the frame that the most joints move.
         host : str

@@ -14,6 +14,7 @@ from cspace.check import check_rng
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.space import CSpace
+from cspace.words import Drive
 from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
 
@@ -117,7 +118,7 @@ class MotionValidator(ob.MotionValidator):
         space: ConfigurationSpace,
         *,
         exact: bool = False,
-        drive: str = HOLONOMIC,
+        drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
         bidirectional: bool = False,
     ) -> None:

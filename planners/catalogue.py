@@ -5,12 +5,34 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias, cast
 
 from ompl import base as ob
 from ompl import geometric as og
 
 from cspace.errors import InputError
+from cspace.words import Drive
+
+PlannerName: TypeAlias = Literal[
+    "BFMT",
+    "BITstar",
+    "BKPIECE1",
+    "FMT",
+    "InformedRRTstar",
+    "KPIECE1",
+    "LBKPIECE1",
+    "PRM",
+    "PRMstar",
+    "RRT",
+    "RRTConnect",
+    "RRTstar",
+    "SORRTstar",
+    "Grid",
+    "MaxClearance",
+    "Lattice",
+    "BiRRT",
+]
+"""Planners of OMPL 2.0.1 and built-in searches, for type checkers; :func:`planners.plan` takes any case."""
 
 GRID: Final = "Grid"
 """Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_path`."""
@@ -68,14 +90,14 @@ as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins curv
 """
 
 
-def planner_names() -> tuple[str, ...]:
+def planner_names() -> tuple[PlannerName, ...]:
     """List the geometric planners of the installed OMPL.
 
     The order is alphabetical. AORRTC is left out, because OMPL 2.0.1 ends the process on paths longer than about 90 m.
 
     Returns
     -------
-    tuple of str
+    tuple of PlannerName
 
     Examples
     --------
@@ -83,10 +105,11 @@ def planner_names() -> tuple[str, ...]:
     >>> "RRTConnect" in planners.planner_names()
     True
     """
-    return tuple(sorted((name for name in _planners() if name not in UNSAFE_PLANNERS), key=str.lower))
+    names = sorted((name for name in _planners() if name not in UNSAFE_PLANNERS), key=str.lower)
+    return cast(tuple[PlannerName, ...], tuple(names))
 
 
-def planner_named(name: str | None, drive: str = "holonomic") -> str:
+def planner_named(name: PlannerName | None, drive: Drive = "holonomic") -> PlannerName:
     """Return a planner's name as OMPL spells it.
 
     The given name may be in any case; None gives the default. Raises InputError if the name is unknown, or if the
@@ -103,7 +126,7 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
         searches = f"{GRID}, {MAX_CLEARANCE}, {LATTICE}, or for an arm {BIRRT}"
         rule = f"it must be a geometric planner of the installed OMPL, {searches}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
-    planner = known[name.lower()]
+    planner = cast(PlannerName, known[name.lower()])
     refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {}) if isinstance(drive, str) else {}
     reason = UNSAFE_PLANNERS.get(planner) or refused.get(planner)
     if reason:

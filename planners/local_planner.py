@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +34,9 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
-from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE
+from cspace.words import Drive
+from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, PlannerName
+from planners.refinement import find_needed_rotations
 from planners.states import Configuration, check_space, kind_of, with_wrapped_angles
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ CAR_AXES: Final = ("x", "y", "yaw")
 HOLONOMIC: Final = "holonomic"
 """Drive that moves in any direction and turns while moving."""
 
-_CURVE_SPACES: Final[dict[str, Callable[[float], ob.StateSpace]]] = {
+_CURVE_SPACES: Final[dict[Drive, Callable[[float], ob.StateSpace]]] = {
     "dubins": ob.DubinsStateSpace,
     "reeds-shepp": ob.ReedsSheppStateSpace,
     "differential": ob.DubinsStateSpace,
@@ -70,13 +72,13 @@ _CURVE_SPACES: Final[dict[str, Callable[[float], ob.StateSpace]]] = {
 }
 """OMPL's state spaces of curves, made from a turning radius, by drive."""
 
-CURVES: Final = ("dubins", "reeds-shepp")
+CURVES: Final[tuple[Drive, ...]] = ("dubins", "reeds-shepp")
 """Drives of cars, which follow curves; kernels use their indices."""
 
-ON_THE_SPOT: Final = tuple(name for name in _CURVE_SPACES if name not in CURVES)
+ON_THE_SPOT: Final[tuple[Drive, ...]] = tuple(name for name in _CURVE_SPACES if name not in CURVES)
 """Drives that turn on the spot; OMPL's lengths count only metres."""
 
-DRIVES: Final = (HOLONOMIC, *ON_THE_SPOT, *CURVES)
+DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
 """All drives."""
 
 LENGTH_ROUNDING_SHARE: Final = 1e-12
@@ -143,8 +145,7 @@ class LocalPlanner(ABC):
         methods that :func:`planners.plan` calls before and after its search work; the search runs on parts in memory.
     exact : bool
         Whether the geometry itself decides edges that a map does not.
-    drive : str
-        Drive from :data:`DRIVES`.
+    drive : Drive
     turning_radius : float or None
         Turning radius of curves, metres.
     bidirectional : bool
@@ -154,11 +155,11 @@ class LocalPlanner(ABC):
 
     space: ConfigurationSpace
     exact: bool = False
-    drive: str = HOLONOMIC
+    drive: Drive = HOLONOMIC
     turning_radius: float | None = None
     bidirectional: bool = False
 
-    built_in_searches: ClassVar[tuple[str, ...]] = ()
+    built_in_searches: ClassVar[tuple[PlannerName, ...]] = ()
     """Built-in searches that follow such edges, the default one first."""
 
     @property
@@ -333,7 +334,7 @@ class EdgesOnMap(LocalPlanner):
     """Edges between configurations of a map."""
 
     space: CSpace
-    built_in_searches: ClassVar[tuple[str, ...]] = (LATTICE,)
+    built_in_searches: ClassVar[tuple[PlannerName, ...]] = (LATTICE,)
 
     @property
     @abstractmethod
@@ -481,13 +482,19 @@ class EdgesOnMap(LocalPlanner):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside a FREE cell"
+        rotations = ""
+        if isinstance(space, CSpace) and state == MIXED and not self.exact:
+            rotations = find_needed_rotations(space, point)
+        hints = [f"build the map with {rotations}, which proves the {name} FREE"] if rotations else []
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
-            hint = f"the nearest is {self.format_configuration(nearest)}"
+            hints.append(f"the nearest is {self.format_configuration(nearest)}")
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
-            hint = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
+            hints.append(f"the map has no FREE configuration {where}")
+            hints += [] if rotations else ["use a smaller robot, margin or spacing"]
+        hint = "; ".join(hints)
         problem = f"{self.format_configuration(point)} {problem}"
         return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
 
@@ -516,7 +523,7 @@ class StraightEdges(EdgesOnMap):
     """
 
     rotation_weight = METRES_PER_RADIAN
-    built_in_searches: ClassVar[tuple[str, ...]] = (GRID, MAX_CLEARANCE)
+    built_in_searches: ClassVar[tuple[PlannerName, ...]] = (GRID, MAX_CLEARANCE)
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves a straight edge free."""
@@ -1002,7 +1009,7 @@ class CarCurves(EdgesOnMap):
 def local_planner(
     space: ConfigurationSpace,
     exact: bool = False,
-    drive: str = HOLONOMIC,
+    drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> LocalPlanner:
@@ -1038,7 +1045,7 @@ def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:
     return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
-def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:
+def check_drive(axes: tuple[str, ...], drive: Drive, turning_radius: float | None, exact: bool = False) -> float | None:
     """Check a drive and return its turning radius, metres, or None.
 
     Drives without curves have no radius. Raises InputError as :func:`local_planner`, which also compares the radius

@@ -17,6 +17,7 @@ from cspace.errors import InputError
 from cspace.map.distance import Distances
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
+from cspace.words import Drive
 from planners.integrals import CostDensity, Field, make_edge_cost
 from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, local_planner
 from planners.states import check_information, kind_of
@@ -68,7 +69,7 @@ class WeightedLength(ob.OptimizationObjective):
         offset: float = 0.0,
         slope: float = 1.0,
         weight: float = DEFAULT_WEIGHT,
-        drive: str = HOLONOMIC,
+        drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -135,7 +136,7 @@ class ClearanceObjective(WeightedLength):
         *,
         weight: float = DEFAULT_WEIGHT,
         clearance_threshold: float | None = None,
-        drive: str = HOLONOMIC,
+        drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -186,7 +187,7 @@ class OverlapObjective(WeightedLength):
         *,
         weight: float = DEFAULT_WEIGHT,
         saturation: float | None = None,
-        drive: str = HOLONOMIC,
+        drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
@@ -223,7 +224,7 @@ def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, sec
     return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
 
 
-def edges_on_map(space: ConfigurationSpace, drive: str, turning_radius: float | None) -> EdgesOnMap:
+def edges_on_map(space: ConfigurationSpace, drive: Drive, turning_radius: float | None) -> EdgesOnMap:
     """Return the local planner of a map.
 
     Raises InputError for an arm, and as :func:`planners.state_space`.

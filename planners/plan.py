@@ -19,6 +19,7 @@ from cspace.configuration_space import ConfigurationSpace, TileSubproblem
 from cspace.errors import InputError
 from cspace.rotations.base import TWO_PI
 from cspace.space import CSpace
+from cspace.words import Drive
 from planners.catalogue import (
     BIRRT,
     BUILT_IN_SEARCHES,
@@ -27,6 +28,7 @@ from planners.catalogue import (
     MAX_CLEARANCE,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
+    PlannerName,
     planner_named,
     planner_names,
 )
@@ -105,9 +107,9 @@ class Choices(NamedTuple):
         Names of the drives that need a turning radius.
     """
 
-    planners: tuple[str, ...]
-    drives: tuple[str, ...]
-    curves: tuple[str, ...]
+    planners: tuple[PlannerName, ...]
+    drives: tuple[Drive, ...]
+    curves: tuple[Drive, ...]
 
 
 def choices(space: ConfigurationSpace) -> Choices:
@@ -137,7 +139,8 @@ def choices(space: ConfigurationSpace) -> Choices:
     searches, is_car = local_planner(space).built_in_searches, space.axes == CAR_AXES
     if not isinstance(space, CSpace):
         searches = searches[:1]  # MaxClearance needs a map in memory
-    names = (*planner_names(), *searches, *[LATTICE] * is_car)
+    lattice: tuple[PlannerName, ...] = (LATTICE,) if is_car else ()
+    names = (*planner_names(), *searches, *lattice)
     return Choices(names, DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
 
 
@@ -146,14 +149,14 @@ def plan(
     start: ArrayLike,
     goal: GoalLike,
     *,
-    planner: str | None = None,
+    planner: PlannerName | None = None,
     time_limit: float = 1.0,
     iterations: int | None = None,
     simplify: bool = True,
     seed: int | None = None,
     objective: str | MakeObjective = "length",
     exact: bool = False,
-    drive: str = HOLONOMIC,
+    drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
@@ -205,8 +208,9 @@ def plan(
         :meth:`cspace.Arm.inverse`. If the search takes long, the free ones of 128 join, except with
         FMT. These are not all configurations at the pose, so "no path found" proves nothing.
     planner : str, optional
-        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search. The
-        default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
+        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search;
+        type checkers know the names as OMPL spells them. The default is "Grid" or "Lattice" as said above, otherwise
+        RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
 
         - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE cells join start and
           goal; deterministic.
@@ -333,7 +337,7 @@ def _choose_planner(
     edges: LocalPlanner,
     objective: str | MakeObjective,
     iterations: int | None,
-) -> str:
+) -> PlannerName:
     """Choose the planner of a plan that names none.
 
     Raises InputError if none that is chosen by default minimises the objective.
@@ -413,7 +417,7 @@ def _check_built_in_search(task: _Task) -> None:
         raise InputError("planner", f"is {name!r} and the map is in a store", rule, hint, value=name)
 
 
-def _check_iterations(value: int | None, planner: str) -> int | None:
+def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
     """Check the number of iterations for a planner."""
     if value is None:
         return None
@@ -425,7 +429,7 @@ def _check_iterations(value: int | None, planner: str) -> int | None:
 
 
 def _make_objective(
-    space: ConfigurationSpace, objective: str | MakeObjective, planner: str, edges: LocalPlanner
+    space: ConfigurationSpace, objective: str | MakeObjective, planner: PlannerName, edges: LocalPlanner
 ) -> MakeObjective | None:
     """Return the maker of the objective; None for OMPL's length."""
     drive, radius = edges.drive, edges.turning_radius
@@ -464,7 +468,7 @@ def _prefer_built_in(task: _Task) -> _Task:
         return task
     if edges.exact and not is_holonomic:
         return task
-    fallback: str | None = search.planner
+    fallback: PlannerName | None = search.planner
     try:
         make_bounded_states(edges)
     except InputError:  # the space is too small for OMPL

@@ -19,6 +19,8 @@ from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
+from cspace.words import Drive
+from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
 from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
 
@@ -144,9 +146,9 @@ class Plan:
     total_rotation: float
     is_connected: bool
     is_disconnected: bool
-    planner: str
+    planner: PlannerName
     objective: str
-    drive: str
+    drive: Drive
     turning_radius: float | None
     exact: bool
     seed: int | None

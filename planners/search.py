@@ -30,6 +30,7 @@ from planners.catalogue import (
     BIDIRECTIONAL_BY_DRIVE,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
+    PlannerName,
     make_planner,
     planner_named,
 )
@@ -151,12 +152,12 @@ class SearchResult:
 class Search:
     """Planner and options of a search."""
 
-    planner: str  # name of a planner of OMPL, or of a built-in search
+    planner: PlannerName  # name of a planner of OMPL, or of a built-in search
     objective: MakeObjective | None = None  # takes the space information; None for the length
     iterations: int | None = None  # largest number of checks of OMPL's termination condition
     simplify: bool = True
     seed: int | None = None
-    fallback: str | None = None  # planner that takes over if this one finds no path
+    fallback: PlannerName | None = None  # planner that takes over if this one finds no path
     more_goals: MoreGoals | None = None  # further goals, for which a search asks if it takes long
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
@@ -280,7 +281,7 @@ class _Run:
             self._goals.addState(state)
         self._endpoints = (*self._endpoints, *goals)
 
-    def _find_initial_path(self, planner: str, deadline: Deadline) -> og.PathGeometric | None:
+    def _find_initial_path(self, planner: PlannerName, deadline: Deadline) -> og.PathGeometric | None:
         """Find the cheapest of a few paths, and improve it.
 
         The paths often pass obstacles on different sides. A planner with an objective must beat the result, because it

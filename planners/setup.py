@@ -15,6 +15,7 @@ from cspace.check import check_rng
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.space import CSpace
+from cspace.words import Drive
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
 from planners.states import kind_of
@@ -30,7 +31,7 @@ MAX_CHECKING_SHARE: Final = 0.5
 
 
 def state_space(
-    space: ConfigurationSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None
+    space: ConfigurationSpace, *, drive: Drive = HOLONOMIC, turning_radius: float | None = None
 ) -> ob.StateSpace:
     """Make OMPL's bounded state space of a map or an arm.
 
@@ -105,7 +106,7 @@ def simple_setup(
     rng: np.random.Generator | None = None,
     valid_state_sampler: MakeSampler | None = None,
     exact: bool = False,
-    drive: str = HOLONOMIC,
+    drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> og.SimpleSetup:

@@ -22,6 +22,7 @@ from cspace.files.access import replacing
 from cspace.rotations import Rotations
 from cspace.rotations.base import wrapped
 from cspace.rotations.quaternion import multiply
+from cspace.words import Drive
 from planners.local_planner import CURVES, HOLONOMIC, CarCurves
 
 if TYPE_CHECKING:
@@ -310,7 +311,7 @@ class DrivenPath(NamedTuple):
     axes: tuple[str, ...]
     units: tuple[str, ...]
     moves_joints: bool
-    drive: str
+    drive: Drive
     turning_radius: float | None
 
 

@@ -34,7 +34,7 @@ ORDER = [
     "cspace.files",
     "cspace.limits",
     "cspace.grid",
-    "cspace.arrays cspace.check cspace.compiling cspace.errors cspace.kernels cspace.threads",
+    "cspace.arrays cspace.check cspace.compiling cspace.errors cspace.kernels cspace.threads cspace.words",
 ]
 """Rooms from top to bottom: folders or modules; rooms on one line may import each other."""
 

@@ -41,6 +41,7 @@ from cspace.cli.options import (
 )
 from cspace.cli.report import Clock, show
 from cspace.errors import InputError
+from cspace.words import Method, Outside
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace
@@ -81,13 +82,13 @@ def make(
             help="The map: .zarr  [default: the workspace's name with .zarr, in this folder].",
         ),
     ] = None,
-    outside: Annotated[Literal["blocked", "free"], typer.Option(help="What lies beyond the workspace.")] = "blocked",
+    outside: Annotated[Outside, typer.Option(help="What lies beyond the workspace.")] = "blocked",
     margin: Annotated[float, typer.Option(metavar="METRES", help="Grow the robot by this much.")] = 0.0,
     inner: Annotated[
         bool, typer.Option("--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED.")
     ] = True,
     counts: Annotated[bool, typer.Option("--counts", help="Keep the overlap counts in the map.")] = False,
-    method: Annotated[Literal["auto", "fft", "direct"], typer.Option(help="The engine; the map is the same.")] = "auto",
+    method: Annotated[Method, typer.Option(help="The engine; the map is the same.")] = "auto",
     tile: Annotated[
         int | None,
         typer.Option(

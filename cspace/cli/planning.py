@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,15 +13,12 @@ from cspace.cli.info import describe_map
 from cspace.cli.options import CONFIGURATION, Json, MapFile, Overwrite, drop_none, parse_configuration
 from cspace.cli.report import Clock, name_options, option_names, show, with_unit
 from cspace.errors import InputError
+from cspace.words import Drive
 
 if TYPE_CHECKING:
     from planners import Plan
 
 _PATH_SUFFIXES = (".csv", ".json")
-
-
-Drive = Literal["holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"]
-"""How a robot that turns in the plane may move."""
 
 
 def plan(
@@ -92,11 +89,11 @@ def plan(
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
-    options = drop_none(objective=objective, exact=exact or None, drive=drive, turning_radius=turning_radius)
+    options = drop_none(
+        planner=planner, objective=objective, exact=exact or None, drive=drive, turning_radius=turning_radius
+    )
     with clock.step("plan"):
-        planned = planners.plan(
-            space, *endpoints, planner=planner, time_limit=time_limit, simplify=simplify, seed=seed, **options
-        )
+        planned = planners.plan(space, *endpoints, time_limit=time_limit, simplify=simplify, seed=seed, **options)
     clock.split("plan", **_search_times(planned))
     with clock.step("measure"):
         described = _describe(planned)

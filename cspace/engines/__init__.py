@@ -7,7 +7,7 @@ handles 64 cells at a time, at the cost of one step for each row of the robot.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools
 from cspace.engines import dilation, fft
 from cspace.raster import Raster
+from cspace.words import Method
 
 MAX_ROWS_PER_CELL: Final = {2: 30, 3: 280}
 """Rows of offsets, per cell of robot diameter, up to which dilation is faster than transforms, by dimension.
@@ -80,7 +81,7 @@ class Engine(Protocol):
 
 ENGINES: Final[dict[str, Engine]] = {"fft": fft, "direct": dilation}
 
-METHODS: Final = (*ENGINES, "auto")
+METHODS: Final[tuple[Method, ...]] = get_args(Method)
 """Values of ``method`` in :func:`cspace.build`."""
 
 

@@ -6,7 +6,7 @@ A raster has the cells that the robot covers at one rotation; a slice of the map
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -14,13 +14,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools
+from cspace.arrays import Bools, Floats
 from cspace.engines import ENGINES, Engine, choose_engine
 from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
-from cspace.rotations import Rotations
+from cspace.rotations import RotationCell, Rotations
 from cspace.threads import cores, in_threads
+from cspace.words import Method
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
@@ -56,10 +57,31 @@ def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotatio
         return 0.0
     centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
     matrices = rotations._rotation_matrices(np.hstack([np.zeros((len(centers), robot.dim)), centers]))
-    corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
-    sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
+    sides = np.ptp(_box_corners(robot) @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
     cells = 2.0 * float(np.prod(sides / spacing + 2.0, axis=1).mean())  # outer and inner raster
     return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * cells)
+
+
+def narrower_rotations(robot: Robot, rotations: Rotations, distance: float) -> Iterator[tuple[str, Rotations]]:
+    """Yield ever more rotation cells, and their argument for messages, until the robot hardly moves within a cell.
+
+    The last cells are the first in which no corner of the robot's bounding box moves by more than ``distance``, metres.
+    """
+    if rotations._preserve(robot.shape):
+        return
+    corners = _box_corners(robot)
+    while True:
+        widest = RotationCell(None, float(rotations.covering_angles.max()), rotations._about_z)
+        narrower = rotations._doubled()
+        if narrower is None or float(widest.displacement(corners).max()) <= distance:
+            return
+        _, rotations = narrower
+        yield narrower
+
+
+def _box_corners(robot: Robot) -> Floats:
+    """Return the corners of the robot's bounding box, shape (2^d, d)."""
+    return np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
 
 
 def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterTask]:
@@ -131,7 +153,7 @@ class Correlation:
     @classmethod
     def create(
         cls,
-        method: str,
+        method: Method,
         groups: RasterGroups,
         outside: str,
         workers: int | None,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Ints
 from cspace.raster import Raster
+from cspace.words import Outside
 
-OUTSIDES: Final = ("blocked", "free")
+OUTSIDES: Final[tuple[Outside, ...]] = get_args(Outside)
 """Assumptions about the workspace outside its grid."""
 
 FARTHEST_CELL: Final = 2**62

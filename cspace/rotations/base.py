@@ -537,6 +537,10 @@ class Rotations(ABC):
         """
         return ""
 
+    def _doubled(self) -> tuple[str, Rotations] | None:
+        """Return cells of half the width with their argument, for messages; None if there are none."""
+        return None
+
     def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 

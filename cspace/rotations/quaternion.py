@@ -27,6 +27,9 @@ QUOTIENT_SLACK: Final = 1e-9
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
+MAX_SUGGESTED_PARTS: Final = 16
+"""Largest number of parts of an axis that messages suggest: 16,384 cells."""
+
 OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Indices of the other three components, for each component of a quaternion."""
 
@@ -212,6 +215,11 @@ class QuaternionRotations(Rotations):
         """
         n = int((share * len(self) / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"rotations=Rotations.quaternions({n})" if n else ""
+
+    def _doubled(self) -> tuple[str, Rotations] | None:
+        """Return eight times as many cells with their argument."""
+        n = 2 * self.n
+        return (f"rotations=Rotations.quaternions({n})", Rotations.quaternions(n)) if n <= MAX_SUGGESTED_PARTS else None
 
     def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.

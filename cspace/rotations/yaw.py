@@ -196,6 +196,11 @@ class YawRotations(Rotations):
         """Return the argument for at most a fraction of the cells."""
         return f"rotations={int(clip_parameters * len(self))}" if clip_parameters * len(self) >= 1 else ""
 
+    def _doubled(self) -> tuple[str, Rotations] | None:
+        """Return twice as many cells, of one width, with their argument."""
+        count = 2 * len(self)
+        return (f"rotations={count}", Rotations.of(count)) if count <= MAX_YAW_CELLS else None
+
     def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 

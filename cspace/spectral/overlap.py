@@ -245,6 +245,13 @@ class FourierOverlap:
         made._trees = made._make_trees(a, b), made._make_trees(*inner) if inner else (none, none)
         return made
 
+    def __repr__(self) -> str:
+        """Return the numbers of balls and of frequencies, and the threshold."""
+        sizes = f"{len(self._original.radii):,} and {len(self._b.radii):,} balls"
+        place = "in the plane" if self.dim == 2 else "in space"
+        threshold = f", threshold {self.threshold:g}" if self.threshold else ""
+        return f"FourierOverlap({sizes} {place}, {self.frequencies:,} frequencies{threshold})"
+
     @property
     def dim(self) -> int:
         """2 in the plane, 3 in space."""

@@ -22,6 +22,7 @@ from cspace.rotations import Rotations
 from cspace.store import CHUNK_CELLS, Index, Store, fit_tile, is_store
 from cspace.tiles.space import TiledCSpace
 from cspace.tiles.work import Job, run_tasks
+from cspace.words import Method, Outside
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -36,8 +37,8 @@ class Settings(TypedDict):
 
     rotations: Rotations
     inner: bool
-    method: str
-    outside: str
+    method: Method
+    outside: Outside
     margin: float
     client: Client | None
     workers: int | None

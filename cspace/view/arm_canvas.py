@@ -80,6 +80,8 @@ class ArmCanvas(Canvas):
         self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats], frame: str | None = None
     ) -> None:
         given = {name: space._check_configurations(q, name) for name, q in marks.items()}
+        if "start" in given:
+            given.setdefault("goal", given["start"])  # no goal yet
         samples = sample_free_configurations(space, np.zeros(space.size).clip(space.arm.lower, space.arm.upper))
         super().__init__(server, space, farthest_pair(samples, samples) | given)
         space._check_configurations(points, "path")
@@ -171,6 +173,8 @@ class ArmCanvas(Canvas):
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether the straight motion is proven free."""
+        if _are_same(q0, q1):
+            return "Set a goal below, or drag the tool."
         free = self._space.motion_is_free(q0, q1)
         return "**The straight motion is free: proven.**" if free else "The straight motion is not proven free."
 
@@ -321,13 +325,18 @@ class ArmCanvas(Canvas):
         return {link: self._add_mesh(f"/{name}/{link}", self._figure.links[link], color, opacity) for link in links}
 
     def _show_marks(self) -> None:
-        """Show the arms at start and goal, except where the robot is, whose colour they would change."""
+        """Show the arms at start and goal, except where the robot is, whose colour they would change.
+
+        A goal at the start is no goal yet, and stays hidden.
+        """
         with self._links_lock:
             for name, q in self._marks.items():
-                self._labels[name].visible = self._shows_marks
-                apart = not np.allclose(q, self.robot, atol=1e-3)
+                is_set = name == "start" or not _are_same(q, self._marks["start"])
+                shown = self._shows_marks and is_set
+                self._labels[name].visible = shown
+                apart = not _are_same(q, self.robot)
                 for link in self._links[name].values():
-                    link.visible = self._shows_marks and apart
+                    link.visible = shown and apart
 
     def _pose_arm(self, name: str, q: Floats) -> None:
         """Move the links of an arm to a configuration."""
@@ -351,3 +360,8 @@ class ArmCanvas(Canvas):
         near = np.concatenate([[lower, upper], *clipped])
         self._place_camera(near.min(axis=0), near.max(axis=0), np.array([math.cos(azimuth), math.sin(azimuth), 0.6]))
         return float(np.max(upper - lower))
+
+
+def _are_same(q0: Floats, q1: Floats) -> bool:
+    """Return True if two configurations look the same."""
+    return bool(np.allclose(q0, q1, atol=1e-3))

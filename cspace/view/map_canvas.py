@@ -12,10 +12,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cspace.arrays import Floats
-from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, OPEN, ROBOT_EDGE_COLOR, ROBOT_FILL_COLOR, UNDECIDED
+from cspace.plot.artists import (
+    CLASSES,
+    COLLIDES,
+    OBSTACLE,
+    OPEN,
+    PARTLY,
+    ROBOT_EDGE_COLOR,
+    ROBOT_FILL_COLOR,
+    UNDECIDED,
+)
 from cspace.plot.route import RobotGlyph
 from cspace.rotations import Rotations
-from cspace.view.canvas import MARKS, Canvas, Dial, farthest_pair, sample_free_configurations
+from cspace.view.canvas import MARKS, PATH_POINTS, Canvas, Dial, farthest_pair, sample_free_configurations
 from cspace.view.level_of_detail import Blocks, Cells, Part, choose_part
 from cspace.view.scene import KINDS, SECTION, Section, SolidKind, Stage, make_robot_surface
 
@@ -35,7 +44,7 @@ class MapCanvas(Canvas):
     cells : Cells
     server : viser.ViserServer
     points : ndarray of float64, shape (n, size)
-        A path; cells above the robot on it are cut off. n is 0 without a path.
+        A path; cells above the robot on it, and all that covers it, are cut off. n is 0 without a path.
     marks : dict of str to ndarray of float64, shape (size,)
         Start and goal, if given.
 
@@ -63,10 +72,6 @@ class MapCanvas(Canvas):
         self.stage = Stage(cells.grid, wall=min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest))
         self.kinds = [name for name in KINDS if name != "unknown" or cells.sampling_map.workspace.unknown is not None]
         self.shown = {*self.kinds, SECTION} - ({"mixed"} if self.stage.has_height else {"border", "mixed"})
-        self.cut = float(self.stage.upper[2])
-        if self.stage.has_height:
-            about = np.concatenate([[*self.endpoints.values()], points])
-            self.cut = min(self.cut, max(float(self.glyph.extent(q)[1, 2]) for q in about))
         self.part: Part | None = None
         self._drawn: dict[str, Hashable] = {}
         self._drawing = threading.Lock()
@@ -77,6 +82,33 @@ class MapCanvas(Canvas):
         back = np.array([-0.5, -1.0, 0.9] if self.stage.has_height else [0.0, -0.45, 1.0])
         self._place_camera(self.stage.lower, self.stage.upper, back)
         self._describe_panel()
+        self.cut = self._choose_cut(points) if self.stage.has_height else float(self.stage.upper[2])
+
+    def _choose_cut(self, points: Floats) -> float:
+        """Return the height of the first cut: above the robot, below all that covers start, goal or path."""
+        about = np.concatenate([[*self.endpoints.values()], points])
+        top = max(float(self.glyph.extent(q)[1, 2]) for q in about)
+        above_robot = _ceil_to(min(top, float(self.stage.upper[2])), self._step)
+        return min(above_robot, _floor_to(self._find_lowest_cover(points), self._step))
+
+    def _find_lowest_cover(self, points: Floats) -> float:
+        """Return the height of the lowest cells that cover start, goal or path in a view from above, metres.
+
+        The cells are at the rotation of the start, as on the opened page. If none do, the height is beyond the map.
+        """
+        shown = np.array([*self.endpoints.values()])
+        if len(points):
+            shares = np.linspace(0.0, 1.0, PATH_POINTS)
+            shown = np.concatenate([shown, self.interpolate(points, shares)])
+        grid = self.cells.grid
+        blocks = self.cells.map_blocks(self.endpoints["start"][grid.dim :])
+        places = (grid.cell_of(shown[:, : grid.dim]) - blocks.first) // blocks.side
+        x, y, z = places.clip(0, np.subtract(blocks.classes.shape, 1)).T
+        covers = blocks.classes[x, y] > PARTLY  # opaque in a section
+        covers &= np.arange(covers.shape[1]) >= z[:, np.newaxis]
+        heights = grid.lower[2] + grid.spacing * (blocks.first[2] + blocks.side * np.arange(covers.shape[1]))
+        beyond = grid.upper[2] + grid.spacing
+        return float(np.min(heights, initial=beyond, where=covers.any(axis=0)))
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
@@ -180,7 +212,7 @@ class MapCanvas(Canvas):
         step, stage = self._step, self.stage
         if stage.has_height:
             low, high = _ceil_to(stage.lower[2] + self._space.grid.spacing, step), _ceil_to(stage.upper[2], step)
-            self.cut = min(max(_ceil_to(self.cut, step), low), high)
+            self.cut = min(max(self.cut, low), high)
             label = f"cut at {self._space.grid.labels[2]}"
             cut = added[label] = gui.add_slider(label, low, high, step, self.cut)
 

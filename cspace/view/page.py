@@ -455,6 +455,7 @@ class Page:
         panel, pose = self.panel, self._goal
         self._goal = None
         self._solver.wait()  # the arm has come to a pose before it is moved along the plan
+        planner: Any = None if panel.planner.value == AUTOMATIC else panel.planner.value
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
         try:
@@ -462,7 +463,7 @@ class Page:
                 self._space,
                 self.marks["start"],
                 self.marks["goal"] if pose is None else pose,
-                planner=None if panel.planner.value == AUTOMATIC else panel.planner.value,
+                planner=planner,
                 time_limit=float(panel.time_limit.value),
                 exact=bool(panel.exact.value),
                 drive=panel.drive.value,

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
+from scipy.ndimage import distance_transform_edt
 
 import cspace
 import planners
@@ -21,11 +23,14 @@ from cspace.compiling import LOGGER
 from cspace.errors import InputError
 from cspace.limits import MESH_CELL_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate
+from cspace.plot.artists import PATH_COLOR
 from cspace.spectral import FourierOverlap
+from cspace.view.scene import rgb
 from tests import urdfs
 from tests.commands import COMMANDS, document, run
 from tests.maps import same
 from tests.refusals import refusals
+from tests.repository import ROOT
 
 MAP_ENDPOINTS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),
@@ -71,6 +76,25 @@ def test_help_and_version_are_printed() -> None:
         assert options and [option for option in options if option not in printed.stdout] == []
     assert run("--version").stdout == f"cspace {cspace.__version__}\n"
     assert app.info.epilog is not None
+
+
+# ----------------------------------------------------------------------------------------------- demo
+
+
+def find_path_pixels(picture: Path) -> Any:
+    """Return a mask of the pixels of a picture in the colour of paths."""
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    return np.abs(pixels - rgb(PATH_COLOR)).max(axis=2) < 24
+
+
+def test_the_picture_of_the_readme_shows_the_path_of_the_demo(tmp_path: Path) -> None:
+    """Compare the paths; if they differ, copy the new ``picture.png`` to ``docs/demo.png``."""
+    assert run("demo", "--output", tmp_path / "demo").exit_code == 0
+    shown, drawn = map(find_path_pixels, (ROOT / "docs" / "demo.png", tmp_path / "demo" / "picture.png"))
+    assert shown.shape == drawn.shape and shown.any()
+    for one, other in ((shown, drawn), (drawn, shown)):
+        assert distance_transform_edt(~other)[one].max() <= 3.0  # in pixels, for other versions of the renderer
 
 
 # ----------------------------------------------------------------------------------------------- map

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -111,6 +112,18 @@ def test_door_width_decides_connectivity():
 def test_free_exterior_leaves_connectivity_undecided():
     assert proven_paths(build_wall(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
     assert build_wall(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
+
+
+@pytest.mark.parametrize("robot", [Robot.disc(0.1), Robot.rectangle(0.2, 0.2)], ids=["disc", "square"])
+@pytest.mark.parametrize(
+    ("spacing", "beyond", "proven"),
+    [(0.1, 0.0, False), (0.1, 1e-3, True), (0.05, 0.0, True)],
+    ids=["to the bounds", "beyond the bounds", "finer cells"],
+)
+def test_walls_disconnect_small_robots_as_the_page_of_limits_says(robot, spacing, beyond, proven):
+    wall = shapely.box(2.0, -beyond, 2.4, 3.0 + beyond)
+    workspace = Workspace.from_polygons([wall], spacing, bounds=(0.0, 0.0, 4.0, 3.0))
+    assert cspace.build(workspace, robot).is_disconnected((0.5, 1.5), (3.5, 1.5)) == proven
 
 
 def test_blocked_configurations_are_disconnected():

@@ -459,6 +459,16 @@ def test_bound_holds_far_from_the_origin() -> None:
     assert overlap.bound > 1e3 * near.bound
 
 
+def test_repr_tells_balls_frequencies_and_threshold() -> None:
+    a, b = ([[0.0, 0.0]], 1.0), ([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.25])
+    overlap = FourierOverlap(a, b, band=2.0)
+    shown = f"1 and 2 balls in the plane, {overlap.frequencies:,} frequencies"
+    assert repr(overlap) == f"FourierOverlap({shown})"
+    assert repr(FourierOverlap(a, b, band=2.0, threshold=0.125)) == f"FourierOverlap({shown}, threshold 0.125)"
+    ball = ([[0.0, 0.0, 0.0]], 1.0)
+    assert "in space" in repr(FourierOverlap(ball, ball, band=1.0))
+
+
 def test_empty_batches_return_empty_arrays() -> None:
     overlap = FourierOverlap(([[0.0, 0.0]], 0.2), ([[0.0, 0.0]], 0.2), band=9.0)
     assert overlap.value(np.zeros((0, 2))).shape == (0,)

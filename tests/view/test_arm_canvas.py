@@ -99,6 +99,21 @@ def test_page_shows_plans_and_proofs(shown: Any) -> None:
     assert space.is_free(GOAL)
 
 
+def test_page_given_a_start_alone_shows_no_goal_until_one_is_set(tmp_path: Path) -> None:
+    space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path)))
+    with space.view(block=False, port=0, start=START) as viewer:
+        viewer.page.move(np.array([0.3, 0.7]))
+        assert viewer.page.wait(60.0)
+        shown = node(viewer, "/goal/fore"), node(viewer, "/goal/label")
+        assert node(viewer, "/start/fore").visible and not any(handle.visible for handle in shown)
+        np.testing.assert_allclose(viewer.page.marks["goal"], START)
+        assert viewer.page.panel.proof.content == "Set a goal below, or drag the tool."
+        viewer.page.mark("goal", np.array(GOAL))
+        assert all(handle.visible for handle in shown)
+        viewer.page.mark("goal", np.array(START))
+        assert not any(handle.visible for handle in shown)
+
+
 def test_refresh_draws_the_scene_as_it_is_now(tmp_path: Path) -> None:
     space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path)))
     scan = np.random.default_rng(0).uniform((-2.0, -2.0, 0.3), (2.0, 2.0, 0.5), (1000, 3))

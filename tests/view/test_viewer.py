@@ -77,6 +77,37 @@ def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
     until(lambda: node(page, "/mixed/whole") and not node(page, "/obstacles/whole"))
 
 
+def measure_opacity(viewer: Viewer, path: Any) -> Any:
+    """Return the opacity of the section at each row of a path, 0 to 255."""
+    section, grid = node(viewer, "/section/whole"), viewer.canvas._space.grid
+    rows, columns = section.image.shape[:2]
+    x, y = (np.asarray(path)[:, :2] - grid.lower[:2]).T / (np.array(grid.upper[:2]) - grid.lower[:2])[:, None]
+    return section.image[((1.0 - y) * rows).astype(int), (x * columns).astype(int), 3]
+
+
+def test_a_page_opens_with_a_cut_that_shows_the_path_through_unknown_cells() -> None:
+    free = np.zeros((24, 20, 16), dtype=bool)
+    free[1:12, 6:14, 1:8] = True  # a low room
+    free[12:23, 6:14, 1:15] = True  # a high one
+    workspace = cspace.Workspace(cspace.Grid((0.0, 0.0, 0.0), 0.1, free.shape), ~free, ~free, unknown=~free)
+    space = cspace.build(workspace, cspace.Robot.ball(0.12))
+    path = [(0.45, 1.05, 0.45), (1.55, 1.05, 0.45), (1.85, 1.05, 1.15)]
+    assert space.certify_path(path).all()
+    with space.view(block=False, port=0, path=path) as viewer:
+        assert viewer.page.wait(60.0)
+        cut = viewer.page.panel.shown["cut at z (m)"]
+        assert not measure_opacity(viewer, path).any()
+        ceiling = min(z for z in range(4, 16) if space.cell_states[4, 10, z] != cspace.FREE)
+        assert cut.value == pytest.approx(0.1 * ceiling)  # no more is cut off than needed
+        assert measure_opacity(viewer, [(0.45, 0.45, 0.45)]).all()  # beside the room
+
+
+def test_a_page_opens_with_a_cut_above_the_robot_if_nothing_covers_the_path() -> None:
+    space = build_room("R3")
+    with space.view(block=False, port=0, path=[(0.45, 0.45, 0.35), (1.95, 0.45, 0.75)]) as viewer:
+        assert viewer.page.panel.shown["cut at z (m)"].value == pytest.approx(0.9)  # in steps of 0.1 m
+
+
 def test_near_camera_shows_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     canvas = viewer[1].canvas
     monkeypatch.setattr(canvas.cells, "side", 4)

@@ -1,0 +1,14 @@
+"""Words that arguments of several modules take, as types, so that type checkers refuse all others."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+Method: TypeAlias = Literal["auto", "fft", "direct"]
+"""Engine of :func:`cspace.build`; "auto" takes the faster one."""
+
+Outside: TypeAlias = Literal["blocked", "free"]
+"""State of all space outside the bounds of a workspace."""
+
+Drive: TypeAlias = Literal["holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"]
+"""Motion of a robot along an edge of :func:`planners.plan`."""
