@@ -155,24 +155,17 @@ class Correlation:
     ) -> str:
         """Fill all slices; return the arithmetic used.
 
-        ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one; they are the same array if
-        equal. ``state``, shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts. Slices
-        smaller than the workspace get its first cells.
+        ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one. ``state``,
+        shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts.
+        Slices smaller than the workspace get its first cells.
         """
-        outers, inners = groups[0], [raster for group in groups[1:] for raster in group]
         collides = state.view(np.bool_)
-        if inners and overlaps is None and len(outers) == 1 and inner is outer:
-            # One slice and one workspace bitmap: correlate both rasters in one pass over the bitmap.
-            inside = np.empty(state[0].shape, dtype=np.bool_)
-            precision = self._collide(outer, [*outers, *inners], [collides[0], inside], (0, 1))
-            state[0] += inside
-            return precision
         counts = collides if overlaps is None else overlaps
-        precision = self._collide(outer, outers, list(counts), (0, len(groups)))
+        precision = self._collide(outer, groups[0], list(counts), share=(0, len(groups)))
         if overlaps is not None:
             np.not_equal(overlaps, 0, out=collides)
-        if inners:
-            added = self._collide(inner, inners, list(state), (1, 2), add=True)
+        if len(groups) > 1:
+            added = self._collide(inner, groups[1], list(state), share=(1, 2), add=True)
             precision = max(precision, added)
         return precision
 
@@ -181,22 +174,31 @@ class Correlation:
         occupied: Bools,
         rasters: Sequence[Raster],
         out: Sequence[NDArray[Any]],
-        part: tuple[int, int],
+        share: tuple[int, int],
         add: bool = False,
     ) -> str:
-        """Run one correlation, reporting its progress.
+        """Run one correlation; return the arithmetic used.
 
-        ``part``, (index, count), is its share of the progress. Returns the arithmetic used.
+        ``share`` is its index and the number of correlations, for the progress.
         """
-        (index, count), progress = part, self.progress
+        index, count = share
 
         def advance(done: int, total: int) -> None:
-            if progress is not None:
-                step = STEPS_PER_CORRELATION * index + STEPS_PER_CORRELATION * done // total
-                progress(step, STEPS_PER_CORRELATION * count)
+            if self.progress is not None:
+                step = STEPS_PER_CORRELATION * done // total
+                self.progress(
+                    STEPS_PER_CORRELATION * index + step,
+                    STEPS_PER_CORRELATION * count,
+                )
 
         precision = self.engine.collide(
-            occupied, rasters, out, outside=self.outside == "blocked", add=add, workers=self.workers, progress=advance
+            occupied,
+            rasters,
+            out,
+            outside=self.outside == "blocked",
+            add=add,
+            workers=self.workers,
+            progress=advance,
         )
         advance(1, 1)  # even if there was nothing to do
         return precision
