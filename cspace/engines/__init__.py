@@ -55,8 +55,9 @@ class Engine(Protocol):
         rasters : sequence of Raster
             Robot offsets.
         out : sequence of ndarray, one for each raster
-            C-ordered, all of the shape of ``occupied`` or of one smaller shape, for the first cells. Booleans are set
-            to True if any offset overlaps; int32, with engines that count, to the number of overlaps.
+            C-ordered, all of the shape of ``occupied`` or of one smaller shape, for the first
+            cells. Booleans are set to True if any offset overlaps; int32, with engines that count,
+            to the number of overlaps.
         outside : bool
             True if the cells outside the map are obstacles.
         add : bool
@@ -72,7 +73,12 @@ class Engine(Protocol):
             Arithmetic that was used.
         """
 
-    def bytes_needed(self, shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
+    def bytes_needed(
+        self,
+        shape: Sequence[int],
+        rasters: Sequence[Raster],
+        workers: int | None = None,
+    ) -> int:
         """Return the peak memory of :meth:`collide`, in bytes.
 
         Input and results are excluded.
@@ -100,4 +106,6 @@ def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> str:
 
 def _count_rows(cells: Bools) -> int:
     """Return the number of runs of set entries along the last axis."""
-    return int(np.count_nonzero(cells[..., :1]) + np.count_nonzero(cells[..., 1:] > cells[..., :-1]))
+    begin_lines = np.count_nonzero(cells[..., :1])
+    begin_after_gaps = np.count_nonzero(cells[..., 1:] > cells[..., :-1])
+    return int(begin_lines + begin_after_gaps)

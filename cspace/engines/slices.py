@@ -26,7 +26,7 @@ SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
 
 MIN_CELLS_FOR_THREADS = 50_000
-"""Cells of the robot's bounding box, summed over all slices, below which threads cost more time than they save."""
+"""Cells of the robot's bounding box, summed over all slices, below which one thread is faster."""
 
 RasterPair = tuple[Raster, Raster]
 """Outer and inner raster of a robot at one rotation."""
@@ -35,7 +35,12 @@ RasterTask = Callable[[], list[tuple[int, RasterPair]]]
 """Function that rasterizes the robot for some slices; it returns their indices and rasters."""
 
 
-def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterPair]:
+def slice_rasters(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+) -> list[RasterPair]:
     """Rasterize the robot for each slice.
 
     Returns outer and inner raster; ``spacing`` and ``margin`` are in metres.
@@ -47,7 +52,13 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
     return [rasters[number] for number in range(len(rasters))]
 
 
-def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotations, slices: int) -> float:
+def raster_bytes(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+    slices: int,
+) -> float:
     """Estimate the memory for the rasters of all slices.
 
     The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
@@ -55,40 +66,50 @@ def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     if slices == 1:
         return 0.0
     centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
-    matrices = rotations._rotation_matrices(np.hstack([np.zeros((len(centers), robot.dim)), centers]))
+    positions = np.zeros((len(centers), robot.dim))
+    matrices = rotations._rotation_matrices(np.hstack([positions, centers]))
     corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
     sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
-    cells = 2.0 * float(np.prod(sides / spacing + 2.0, axis=1).mean())  # outer and inner raster
-    return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * cells)
+    cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
+    # A slice has an outer and an inner raster.
+    return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * 2.0 * cells)
 
 
-def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterTask]:
+def raster_tasks(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+) -> list[RasterTask]:
     """Return tasks that together rasterize the robot for all slices.
 
-    Rasters are made from the rotated geometry, unless a slice is the image of another slice by quarter turns or
-    mirrors. Then the raster is an image too, made in the same task as that slice.
+    Rasters are made from the rotated geometry, unless a slice is the image of another slice by
+    quarter turns or mirrors. Then the raster is an image too, made in the same task as that slice.
     """
     if rotations._preserve(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
     slice_of = rotations._slices_for(robot.shape)
-    first_cells, cells = np.unique(slice_of, return_index=True)[1], rotations._shape_cells(robot.dim)
+    first_cells = np.unique(slice_of, return_index=True)[1]
+    cells = rotations._shape_cells(robot.dim)
     # Each slice comes from the smallest of its images; the transposed matrix maps it back.
     images = rotations._images(robot.shape)
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
-    image_indices, sources, slices = image_slices.argmin(axis=0), image_slices.min(axis=0), np.arange(len(first_cells))
+    sources = image_slices.min(axis=0)
+    matrices = [images[index][0].T for index in image_slices.argmin(axis=0).tolist()]
+    is_source = sources == np.arange(len(sources))
     images_of: dict[int, list[int]] = {}
-    for index in np.flatnonzero(sources < slices).tolist():
+    for index in np.flatnonzero(~is_source).tolist():
         images_of.setdefault(int(sources[index]), []).append(index)
 
-    def rasterise(index: int) -> list[tuple[int, RasterPair]]:
-        rasters = [(index, robot.rasters(spacing, margin, cells[first_cells[index]]))]
-        for index_known, (outer, inner) in rasters:  # grows during the loop
-            for image in images_of.get(index_known, ()):
-                matrix = images[image_indices[image]][0].T
+    def rasterise(source: int) -> list[tuple[int, RasterPair]]:
+        rasters = [(source, robot.rasters(spacing, margin, cells[first_cells[source]]))]
+        for known, (outer, inner) in rasters:  # grows during the loop
+            for image in images_of.get(known, ()):
+                matrix = matrices[image]
                 rasters.append((image, (outer.rotate(matrix), inner.rotate(matrix))))
         return rasters
 
-    return [partial(rasterise, index) for index in np.flatnonzero(sources == slices).tolist()]
+    return [partial(rasterise, source) for source in np.flatnonzero(is_source).tolist()]
 
 
 Progress = Callable[[int, int], None]
