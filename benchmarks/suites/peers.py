@@ -58,11 +58,11 @@ LARGE_MAP, LARGE_BALL = 512, 33
 SLOW_PEER_SECONDS = 6.0
 """Time above which a peer is timed only once, seconds."""
 
-IN_PLANE: Goals = {"fft": {"fftconvolve float64": 6.0}, "auto": {"fftconvolve float64": 20.0}}
-NOT_CONVEX: Goals = {"fft": {"cv2.dilate": 20.0, "fftconvolve float64": 6.0}, "auto": {}}
-TURNING = {"fft": 15.0, "auto": 60.0}
+IN_PLANE: Goals = {"fft": {"fftconvolve float64": 2.0}, "auto": {"fftconvolve float64": 20.0}}
+NOT_CONVEX: Goals = {"fft": {"cv2.dilate": 10.0, "fftconvolve float64": 1.0}, "auto": {}}
+TURNING = {"fft": 4.0, "auto": 60.0}
 IN_SPACE: Goals = {
-    "fft": {"fftconvolve float64": 4.0, "ndimage.binary_dilation": 300.0},
+    "fft": {"fftconvolve float64": 2.0, "ndimage.binary_dilation": 100.0},
     "auto": {"fftconvolve float64": 12.0},
 }
 STAMPING, STAMPING_MEDIAN = 1.0, 2.0

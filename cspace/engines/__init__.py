@@ -1,7 +1,7 @@
 """Engines, which decide for all robot positions at once if the robot overlaps obstacles.
 
-There are two; they share no code and build the same map. The cost of transforms hardly depends on the robot; dilation
-handles 64 cells at a time, at the cost of one step for each row of the robot.
+There are two; they share no code and build the same map. The cost of transforms hardly depends on
+the robot; dilation handles 64 cells at a time, at the cost of one step for each row of the robot.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from cspace.engines import dilation, fft
 from cspace.raster import Raster
 from cspace.words import Method
 
-MAX_ROWS_PER_CELL: Final = {2: 30, 3: 280}
-"""Rows of offsets, per cell of robot diameter, up to which dilation is faster than transforms, by dimension.
+MAX_ROWS_PER_CELL: Final = {2: 60, 3: 900}
+"""Rows of offsets, per cell of robot diameter, up to which dilation is faster, by dimension.
 
-Measured once, on two cores: robots 40 to 400 cells across break even at 23 to 50 in the plane, 280 to 350 in space.
+Measured once, on one core: robots 40 to 400 cells across break even at 45 to 220 in the plane and
+at 840 to 1240 in space, with most results near the values here.
 """
 
 
@@ -55,8 +56,9 @@ class Engine(Protocol):
         rasters : sequence of Raster
             Robot offsets.
         out : sequence of ndarray, one for each raster
-            C-ordered, all of the shape of ``occupied`` or of one smaller shape, for the first cells. Booleans are set
-            to True if any offset overlaps; int32, with engines that count, to the number of overlaps.
+            C-ordered, all of the shape of ``occupied`` or of one smaller shape, for the first
+            cells. Booleans are set to True if any offset overlaps; int32, with engines that count,
+            to the number of overlaps.
         outside : bool
             True if the cells outside the map are obstacles.
         add : bool
@@ -72,7 +74,12 @@ class Engine(Protocol):
             Arithmetic that was used.
         """
 
-    def bytes_needed(self, shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
+    def bytes_needed(
+        self,
+        shape: Sequence[int],
+        rasters: Sequence[Raster],
+        workers: int | None = None,
+    ) -> int:
         """Return the peak memory of :meth:`collide`, in bytes.
 
         Input and results are excluded.
@@ -92,11 +99,14 @@ def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> str:
     """
     if counts:
         return "fft"
-    sample = [raster.cells for raster in rasters[:: max(1, len(rasters) // 8)]]  # rotations of one robot are similar
+    # Rotations of one robot are similar, so about eight of them represent all.
+    sample = [raster.cells for raster in rasters[:: max(1, len(rasters) // 8)]]
     max_rows = sum(MAX_ROWS_PER_CELL[cells.ndim] * max(cells.shape) for cells in sample)
     return "direct" if sum(map(_count_rows, sample)) <= max_rows else "fft"
 
 
 def _count_rows(cells: Bools) -> int:
     """Return the number of runs of set entries along the last axis."""
-    return int(np.count_nonzero(cells[..., :1]) + np.count_nonzero(cells[..., 1:] > cells[..., :-1]))
+    begin_lines = np.count_nonzero(cells[..., :1])
+    begin_after_gaps = np.count_nonzero(cells[..., 1:] > cells[..., :-1])
+    return int(begin_lines + begin_after_gaps)

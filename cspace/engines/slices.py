@@ -27,7 +27,7 @@ SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
 
 MIN_CELLS_FOR_THREADS = 50_000
-"""Cells of the robot's bounding box, summed over all slices, below which threads cost more time than they save."""
+"""Cells of the robot's bounding box, summed over all slices, below which one thread is faster."""
 
 RasterPair = tuple[Raster, Raster]
 """Outer and inner raster of a robot at one rotation."""
@@ -36,7 +36,12 @@ RasterTask = Callable[[], list[tuple[int, RasterPair]]]
 """Function that rasterizes the robot for some slices; it returns their indices and rasters."""
 
 
-def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterPair]:
+def slice_rasters(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+) -> list[RasterPair]:
     """Rasterize the robot for each slice.
 
     Returns outer and inner raster; ``spacing`` and ``margin`` are in metres.
@@ -48,7 +53,13 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
     return [rasters[number] for number in range(len(rasters))]
 
 
-def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotations, slices: int) -> float:
+def raster_bytes(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+    slices: int,
+) -> float:
     """Estimate the memory for the rasters of all slices.
 
     The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
@@ -56,10 +67,12 @@ def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     if slices == 1:
         return 0.0
     centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
-    matrices = rotations._rotation_matrices(np.hstack([np.zeros((len(centers), robot.dim)), centers]))
+    positions = np.zeros((len(centers), robot.dim))
+    matrices = rotations._rotation_matrices(np.hstack([positions, centers]))
     sides = np.ptp(_box_corners(robot) @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
-    cells = 2.0 * float(np.prod(sides / spacing + 2.0, axis=1).mean())  # outer and inner raster
-    return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * cells)
+    cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
+    # A slice has an outer and an inner raster.
+    return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * 2.0 * cells)
 
 
 def narrower_rotations(robot: Robot, rotations: Rotations, distance: float) -> Iterator[tuple[str, Rotations]]:
@@ -84,33 +97,41 @@ def _box_corners(robot: Robot) -> Floats:
     return np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
 
 
-def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterTask]:
+def raster_tasks(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+) -> list[RasterTask]:
     """Return tasks that together rasterize the robot for all slices.
 
-    Rasters are made from the rotated geometry, unless a slice is the image of another slice by quarter turns or
-    mirrors. Then the raster is an image too, made in the same task as that slice.
+    Rasters are made from the rotated geometry, unless a slice is the image of another slice by
+    quarter turns or mirrors. Then the raster is an image too, made in the same task as that slice.
     """
     if rotations._preserve(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
     slice_of = rotations._slices_for(robot.shape)
-    first_cells, cells = np.unique(slice_of, return_index=True)[1], rotations._shape_cells(robot.dim)
+    first_cells = np.unique(slice_of, return_index=True)[1]
+    cells = rotations._shape_cells(robot.dim)
     # Each slice comes from the smallest of its images; the transposed matrix maps it back.
     images = rotations._images(robot.shape)
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
-    image_indices, sources, slices = image_slices.argmin(axis=0), image_slices.min(axis=0), np.arange(len(first_cells))
+    sources = image_slices.min(axis=0)
+    matrices = [images[index][0].T for index in image_slices.argmin(axis=0).tolist()]
+    is_source = sources == np.arange(len(sources))
     images_of: dict[int, list[int]] = {}
-    for index in np.flatnonzero(sources < slices).tolist():
+    for index in np.flatnonzero(~is_source).tolist():
         images_of.setdefault(int(sources[index]), []).append(index)
 
-    def rasterise(index: int) -> list[tuple[int, RasterPair]]:
-        rasters = [(index, robot.rasters(spacing, margin, cells[first_cells[index]]))]
-        for index_known, (outer, inner) in rasters:  # grows during the loop
-            for image in images_of.get(index_known, ()):
-                matrix = images[image_indices[image]][0].T
+    def rasterise(source: int) -> list[tuple[int, RasterPair]]:
+        rasters = [(source, robot.rasters(spacing, margin, cells[first_cells[source]]))]
+        for known, (outer, inner) in rasters:  # grows during the loop
+            for image in images_of.get(known, ()):
+                matrix = matrices[image]
                 rasters.append((image, (outer.rotate(matrix), inner.rotate(matrix))))
         return rasters
 
-    return [partial(rasterise, index) for index in np.flatnonzero(sources == slices).tolist()]
+    return [partial(rasterise, source) for source in np.flatnonzero(is_source).tolist()]
 
 
 Progress = Callable[[int, int], None]
@@ -177,24 +198,17 @@ class Correlation:
     ) -> str:
         """Fill all slices; return the arithmetic used.
 
-        ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one; they are the same array if
-        equal. ``state``, shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts. Slices
-        smaller than the workspace get its first cells.
+        ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one. ``state``,
+        shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts.
+        Slices smaller than the workspace get its first cells.
         """
-        outers, inners = groups[0], [raster for group in groups[1:] for raster in group]
         collides = state.view(np.bool_)
-        if inners and overlaps is None and len(outers) == 1 and inner is outer:
-            # One slice and one workspace bitmap: correlate both rasters in one pass over the bitmap.
-            inside = np.empty(state[0].shape, dtype=np.bool_)
-            precision = self._collide(outer, [*outers, *inners], [collides[0], inside], (0, 1))
-            state[0] += inside
-            return precision
         counts = collides if overlaps is None else overlaps
-        precision = self._collide(outer, outers, list(counts), (0, len(groups)))
+        precision = self._collide(outer, groups[0], list(counts), share=(0, len(groups)))
         if overlaps is not None:
             np.not_equal(overlaps, 0, out=collides)
-        if inners:
-            added = self._collide(inner, inners, list(state), (1, 2), add=True)
+        if len(groups) > 1:
+            added = self._collide(inner, groups[1], list(state), share=(1, 2), add=True)
             precision = max(precision, added)
         return precision
 
@@ -203,22 +217,31 @@ class Correlation:
         occupied: Bools,
         rasters: Sequence[Raster],
         out: Sequence[NDArray[Any]],
-        part: tuple[int, int],
+        share: tuple[int, int],
         add: bool = False,
     ) -> str:
-        """Run one correlation, reporting its progress.
+        """Run one correlation; return the arithmetic used.
 
-        ``part``, (index, count), is its share of the progress. Returns the arithmetic used.
+        ``share`` is its index and the number of correlations, for the progress.
         """
-        (index, count), progress = part, self.progress
+        index, count = share
 
         def advance(done: int, total: int) -> None:
-            if progress is not None:
-                step = STEPS_PER_CORRELATION * index + STEPS_PER_CORRELATION * done // total
-                progress(step, STEPS_PER_CORRELATION * count)
+            if self.progress is not None:
+                step = STEPS_PER_CORRELATION * done // total
+                self.progress(
+                    STEPS_PER_CORRELATION * index + step,
+                    STEPS_PER_CORRELATION * count,
+                )
 
         precision = self.engine.collide(
-            occupied, rasters, out, outside=self.outside == "blocked", add=add, workers=self.workers, progress=advance
+            occupied,
+            rasters,
+            out,
+            outside=self.outside == "blocked",
+            add=add,
+            workers=self.workers,
+            progress=advance,
         )
         advance(1, 1)  # even if there was nothing to do
         return precision

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
 from cspace.limits import free_bytes
+from cspace.threads import in_chunks
 
 MAX_RASTER_CELLS = 2**28
 """Maximum number of cells in the bounding box of a raster."""
@@ -101,6 +103,19 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     table[:, 2], table[:, 3] = last, stop - first
     table[:, :3] += lower
     return table, owner
+
+
+def in_slabs(kernel: Callable[..., None], out: Bools, *inputs: Any, min_slabs: int) -> None:
+    """Call ``kernel(out, *inputs, start, stop)`` over slabs of a bitmap, in threads.
+
+    A slab is a range of first indices; a thread gets at least ``min_slabs``.
+    """
+
+    def work(start: int, stop: int) -> int:
+        kernel(out, *inputs, start, stop)
+        return -1
+
+    in_chunks(work, len(out), min_slabs)
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:

@@ -121,7 +121,7 @@ def test_an_error_in_the_progress_callback_stops_the_run(engine):
 
 def test_auto_chooses_dilation_except_for_counts_and_very_many_rows():
     block = Raster.from_bitmap(np.ones((300, 300), bool), (0, 0))
-    sieve = Raster.from_bitmap(np.indices((301, 301))[1] % 6 == 0, (0, 0))
+    sieve = Raster.from_bitmap(np.indices((301, 301))[1] % 4 == 0, (0, 0))
     ball = Raster.from_bitmap(np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0))
     assert sieve.count > 301 * MAX_ROWS_PER_CELL[2] and np.count_nonzero(ball.cells.any(axis=2)) > 6000
     assert choose_engine([block]) == choose_engine([ball]) == "direct" and choose_engine([sieve]) == "fft"
