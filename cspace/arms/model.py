@@ -305,9 +305,9 @@ class Arm:
 
         The result is not complete. A branch that few starts lead to may be missing. If the joints
         can move without moving the frame, the configurations are a sample of infinitely many. If
-        several whole turns of a joint lie within its limits, only the nearest to ``near`` counts. So
-        a pose out of reach of all starts is not proven out of reach. More ``max_solutions`` and other
-        seeds find more.
+        several whole turns of a joint lie within its limits, only the nearest to ``near`` counts.
+        So a pose that no start reaches is not proven out of reach. Larger ``max_solutions`` and
+        other seeds find more.
 
         Parameters
         ----------
