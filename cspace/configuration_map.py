@@ -204,6 +204,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         -------
         bool or ndarray of bool, shape (...)
         """
+        if isinstance(q0, tuple) and isinstance(q1, tuple):
+            known = self._connection_of_one(q0, q1)
+            if known is not None:
+                return known[0]
         return _bool_or_array(self._connectivity(q0, q1)[0])
 
     @overload
@@ -228,7 +232,18 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         -------
         bool or ndarray of bool, shape (...)
         """
+        if isinstance(q0, tuple) and isinstance(q1, tuple):
+            known = self._connection_of_one(q0, q1)
+            if known is not None:
+                return known[1]
         return _bool_or_array(self._connectivity(q0, q1)[1])
+
+    def _connection_of_one(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> tuple[bool, bool] | None:
+        """Return whether two configurations are proven connected, or disconnected.
+
+        None if only the look-up of arrays can answer or refuse.
+        """
+        return None
 
     def _connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
         """Return which pairs are proven connected or disconnected.

@@ -5,12 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import FREE, Bools, Floats
 from cspace.check import check_pairs
 from cspace.errors import InputError
 from cspace.map.batches import Configuration, ConfigurationBatch, Query, evaluate_batch, evaluate_edges, evaluate_pairs
@@ -117,6 +117,8 @@ class ConfigurationSpace(SpaceView, ABC):
         AngleWarning
             If an angle of a single configuration exceeds 2 pi, as if it were in degrees.
         """
+        if isinstance(q, tuple) and (state := self._state_of_one(q)) is not None:
+            return state
         return evaluate_batch(q, self.size, self._classify(), np.uint8, int, angles=self._angles)
 
     @overload
@@ -128,6 +130,8 @@ class ConfigurationSpace(SpaceView, ABC):
 
         With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it always does.
         """
+        if isinstance(q, tuple) and not exact and (state := self._state_of_one(q)) is not None:
+            return state == FREE
         return evaluate_batch(q, self.size, self._frees(exact), np.bool_, bool, angles=self._angles)
 
     @overload
@@ -159,6 +163,10 @@ class ConfigurationSpace(SpaceView, ABC):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
+        if isinstance(q0, tuple) and isinstance(q1, tuple) and not exact:
+            state = self._state_of_motion(q0, q1)
+            if state is not None:
+                return state == FREE
         return evaluate_edges(q0, q1, self.size, self._edges(exact), self._angles)
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
@@ -219,6 +227,16 @@ class ConfigurationSpace(SpaceView, ABC):
         configurations to join in it. Only a map in a store has several parts; see :class:`cspace.TiledCSpace`.
         """
         return [(lambda: self, self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1"))]
+
+    # ---- one configuration, given as a tuple: the same look-ups, without arrays -------------------------------------
+
+    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
+        """Return the state of one configuration, or None if only the look-up of arrays can answer or refuse."""
+        return None
+
+    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
+        """Return FREE if a motion is proven free, else MIXED; None as for :meth:`_state_of_one`."""
+        return None
 
     # ---- what differs ------------------------------------------------------------------------------------------------
 

@@ -31,6 +31,7 @@ from cspace.map.batches import (
     evaluate_batch,
     in_threaded_chunks,
 )
+from cspace.map.callbacks import NOT_USABLE
 from cspace.map.contents import Contents
 from cspace.map.derived import derived, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -41,6 +42,7 @@ from cspace.map.storage import (
     read_only,
 )
 from cspace.raster import Raster
+from cspace.rotations.base import MAX_EXPECTED_ANGLE
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
 from cspace.threads import MIN_ITEMS_PER_THREAD
@@ -323,6 +325,41 @@ class CSpace(ConfigurationMap, MapExport):
         if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
             return 0.0
         return self._exact.distance(rows, *spans)
+
+    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
+        """Return the state of one configuration; see the base class."""
+        try:
+            state = self._look_up_state(*q)
+        except TypeError:  # another number of entries, or none that are numbers
+            return None
+        return None if state == NOT_USABLE or self._is_suspect(q) else state
+
+    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
+        """Return whether one motion is proven free; see the base class."""
+        try:
+            state = self._look_up_motion(*q0, *q1)
+        except TypeError:
+            return None
+        if state == NOT_USABLE or len(q0) != len(q1) or self._is_suspect(q0) or self._is_suspect(q1):
+            return None
+        return state
+
+    def _connection_of_one(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> tuple[bool, bool] | None:
+        """Return whether two configurations are connected or disconnected; see the base class."""
+        with self._lock:  # an update changes the components
+            try:
+                places = self._look_up_place(*q0), self._look_up_place(*q1)
+            except TypeError:
+                return None
+            if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
+                return None
+            if self._components.are_joined(*places):
+                return True, False
+            return False, not self._components.are_joined(*places, mixed=True)
+
+    def _is_suspect(self, q: tuple[Any, ...]) -> bool:
+        """Return True if an angle seems to be in degrees, so that a warning is due."""
+        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles) if self._angles else False
 
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
@@ -1083,18 +1120,37 @@ class CSpace(ConfigurationMap, MapExport):
         return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
 
     @lazy
+    def _look_up_state(self) -> Callable[..., int]:
+        """Look-up of one configuration's state."""
+        from cspace.map.callbacks import state_lookup
+
+        return state_lookup(self._kernel_map, self.size)
+
+    @lazy
+    def _look_up_place(self) -> Callable[..., int]:
+        """Look-up of the cell of one configuration."""
+        from cspace.map.callbacks import place_lookup
+
+        return place_lookup(self._kernel_map, self.size)
+
+    @lazy
+    def _look_up_motion(self) -> Callable[..., int]:
+        """Look-up of one motion."""
+        from cspace.map.callbacks import motion_lookup
+
+        return motion_lookup(self._kernel_map, self.size)
+
+    @lazy
     def _point_checker(self) -> Callable[..., bool]:
         """Fast test of configurations."""
-        from cspace.map.callbacks import point_checker
-
-        return point_checker(self._kernel_map, self.size)
+        look_up = self._look_up_state
+        return lambda *q: look_up(*q) == FREE
 
     @lazy
     def _edge_checker(self) -> Callable[..., bool]:
         """Fast test of edges."""
-        from cspace.map.callbacks import edge_checker
-
-        return edge_checker(self._kernel_map, self.size)
+        look_up = self._look_up_motion
+        return lambda *both: look_up(*both) == FREE
 
     @lazy
     def _backend(self) -> MemoryBackend:

@@ -1,7 +1,4 @@
-"""Callbacks on single floats, without arrays or errors.
-
-NaN, infinity and unusable rotations are not FREE, because such a position is in no cell.
-"""
+"""Look-ups of one configuration, given by its numbers, without arrays or errors."""
 
 from __future__ import annotations
 
@@ -10,22 +7,42 @@ from functools import cache
 from types import FunctionType
 from typing import Any, Final, NamedTuple
 
-from cspace.arrays import FREE, Numbers
+from cspace.arrays import FREE, MIXED, Numbers
 from cspace.compiling import bind_kernel, compilable, jit
 from cspace.map.edges import edge_is_free
-from cspace.map.points import state_at
+from cspace.map.points import cell_of, is_usable, state_at
 from cspace.map.storage import Map
+
+NOT_USABLE: Final = 255
+"""Answer for numbers that are not finite, or no rotation."""
+
+
+def state_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q)``: the state of a configuration, or NOT_USABLE."""
+    # A look-up is shorter than releasing the interpreter lock.
+    return callback(Point(map_), size, nogil=False)
+
+
+def place_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q)``: the index of a cell over all rotation cells; -1 if it is not in the grid."""
+    return callback(Place(map_), size, nogil=False)
+
+
+def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q0, *q1)``: FREE, MIXED if the motion is not proven, or NOT_USABLE."""
+    return bind_kernel(_compiled(_OF_TWO[size], nogil=True), (Edge(map_),), *[0.0] * (2 * size))
 
 
 def point_checker(map_: Map, size: int) -> Callable[..., bool]:
     """Return ``check(*q)``, True if a configuration is FREE."""
-    # A point query is shorter than releasing the interpreter lock.
-    return callback(Point(map_), size, nogil=False)
+    look_up = state_lookup(map_, size)
+    return lambda *q: look_up(*q) == FREE
 
 
 def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
     """Return ``check(*q0, *q1)``, True if an edge is FREE."""
-    return bind_kernel(_compiled(_OF_TWO[size], nogil=True), (Edge(map_),), *[0.0] * (2 * size))
+    look_up = motion_lookup(map_, size)
+    return lambda *both: look_up(*both) == FREE
 
 
 def callback(query: Any, size: int, nogil: bool = True) -> Callable[..., Any]:
@@ -35,13 +52,30 @@ def callback(query: Any, size: int, nogil: bool = True) -> Callable[..., Any]:
 
 @compilable
 class Point(NamedTuple):
-    """Query for whether a configuration is FREE."""
+    """Query for the state of a configuration."""
 
     map_: Map
 
-    def evaluate(self, q: Numbers) -> bool:
-        """Return True if the configuration is usable and FREE."""
-        return self.map_.rotations.is_usable(q) and state_at(self.map_, q) == FREE
+    def evaluate(self, q: Numbers) -> int:
+        """Return the state, or NOT_USABLE."""
+        return state_at(self.map_, q) if is_usable(self.map_, q) else NOT_USABLE
+
+
+@compilable
+class Place(NamedTuple):
+    """Query for the cell of a configuration."""
+
+    map_: Map
+
+    def evaluate(self, q: Numbers) -> int:
+        """Return the index of the cell over all rotation cells, or -1."""
+        if not is_usable(self.map_, q):
+            return -1
+        inside, _, cell = cell_of(self.map_, q)
+        place = self.map_.rotations.cell_at(q)
+        for axis in range(len(self.map_.lower)):
+            place = place * self.map_.states.shape[axis + 1] + cell[axis + 1]
+        return place if inside else -1
 
 
 @compilable
@@ -50,10 +84,11 @@ class Edge(NamedTuple):
 
     map_: Map
 
-    def evaluate_edge(self, q0: Numbers, q1: Numbers) -> bool:
-        """Return True if both ends are usable and the edge is FREE."""
-        rotations = self.map_.rotations
-        return rotations.is_usable(q0) and rotations.is_usable(q1) and edge_is_free(self.map_, q0, q1)
+    def evaluate_edge(self, q0: Numbers, q1: Numbers) -> int:
+        """Return FREE if the edge is FREE, else MIXED; NOT_USABLE if an end is not usable."""
+        if not (is_usable(self.map_, q0) and is_usable(self.map_, q1)):
+            return NOT_USABLE
+        return FREE if edge_is_free(self.map_, q0, q1) else MIXED
 
 
 # Numba calls a function of several floats faster than a function of one tuple.

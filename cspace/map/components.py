@@ -69,6 +69,15 @@ class Components:
         labelled = self._passable if mixed else self._free
         return labelled.component_of(cells)
 
+    def are_joined(self, place: int, other: int, mixed: bool = False) -> bool:
+        """Return True if two cells of the grid are in one component, as of :meth:`of`.
+
+        A cell is given by its index over all rotation cells.
+        """
+        labelled = self._passable if mixed else self._free
+        component = labelled.component_at(place)
+        return component != -1 and component == labelled.component_at(other)
+
     def box(self, cell: Ints) -> Ints:
         """Return the first and last cell of a FREE component's box.
 
@@ -121,6 +130,12 @@ class LabelledCells:
         components = csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
         components[first_node[~exterior_open[slice_of]]] = -1
         return cls(labels, slice_of, first_node, components)
+
+    def component_at(self, place: int) -> int:
+        """Return the component of a cell of the grid by its index over all rotation cells; -1 without one."""
+        rotation, position = divmod(place, self.labels[0].size)
+        label = int(self.labels.reshape(-1)[self.slice_of[rotation] * self.labels[0].size + position])
+        return int(self.components[self.first_node[rotation] + label]) if label else -1
 
     def component_of(self, cells: Ints) -> Ints:
         """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""

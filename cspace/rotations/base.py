@@ -195,6 +195,9 @@ class CompiledRotations(Protocol):
     def is_usable(self, q: Numbers) -> bool:
         """Return True if the coordinates of a rotation are finite and exact enough."""
 
+    def cell_at(self, q: Numbers) -> int:
+        """Return the rotation cell that contains the rotation of a configuration."""
+
     def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""
 
@@ -726,6 +729,10 @@ class OneCell(NamedTuple):
     def is_usable(self, q: Numbers) -> bool:
         """Return True if the coordinates of a rotation are finite and exact enough."""
         return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
+
+    def cell_at(self, q: Numbers) -> int:
+        """Return the rotation cell that contains the rotation of a configuration."""
+        return np.int64(0)  # type: ignore[return-value]  # a literal would compile every callee again
 
     def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""

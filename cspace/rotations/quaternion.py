@@ -503,10 +503,14 @@ class QuaternionCells(NamedTuple):
         """Return True if the coordinates of a rotation are finite and exact enough."""
         return is_unit(q[-4:])
 
+    def cell_at(self, q: Numbers) -> int:
+        """Return the rotation cell that contains the rotation of a configuration."""
+        chart, i, j, k = find_parts(self.borders, q[-4:])
+        return cell_index(self.borders, chart, i, j, k)
+
     def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""
-        chart, i, j, k = find_parts(self.borders, q[-4:])
-        return int(self.slice_of[cell_index(self.borders, chart, i, j, k)])
+        return int(self.slice_of[self.cell_at(q)])
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
         """Write the slices of a flat batch of configurations."""

@@ -327,9 +327,13 @@ class YawCells(NamedTuple):
         """Return True if the coordinates of a rotation are finite and exact enough."""
         return abs(q[-1]) <= MAX_ANGLE  # False for NaN
 
+    def cell_at(self, q: Numbers) -> int:
+        """Return the rotation cell that contains the rotation of a configuration."""
+        return find_cell(self.borders, wrap_to_cells(self.borders, q[-1]))
+
     def slice_at(self, q: Numbers) -> int:
         """Return the slice that contains the rotation of a configuration."""
-        return int(self.slice_of[find_cell(self.borders, wrap_to_cells(self.borders, q[-1]))])
+        return int(self.slice_of[self.cell_at(q)])
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
         """Write the slices of a flat batch of configurations."""
