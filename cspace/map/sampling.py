@@ -88,10 +88,12 @@ def nearest(states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q:
 def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | None:
     """Return the center of the FREE cell of a slice nearest to a position, or None.
 
-    The search looks at cells within a distance of the grid's nearest point, and doubles it until it finds one.
+    The search looks at cells within a distance of the grid's point nearest to the position, and doubles it until it
+    finds one. Each cell nearer to the position is within that distance of this point, because the grid is convex.
     """
     shape = np.array(states.shape)
-    inside = grid.cell_of(np.clip(position, grid.lower, grid.upper))
+    nearest_point = np.clip(position, grid.lower, grid.upper)
+    inside = grid.cell_of(nearest_point)
     farthest = float(np.linalg.norm(shape))
     reach = FIRST_REACH_CELLS
     while True:
@@ -100,10 +102,10 @@ def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | No
         cells = np.argwhere(states[tuple(map(slice, first, stop))] == FREE) + first
         if len(cells):
             centers = grid.center_of(cells)
-            nearest_one = int(np.argmin(np.linalg.norm(centers - position, axis=1)))
-            enough = _cells_to_beat(centers[nearest_one], grid, position)
+            center = centers[np.argmin(_order_by_distance(centers, nearest_point, position))]
+            enough = float(np.linalg.norm(center - position)) / grid.spacing + 1.0
             if enough <= reach or reach >= farthest:
-                return np.asarray(centers[nearest_one])
+                return np.asarray(center)
             reach = min(enough, farthest)
         elif reach >= farthest:
             return None
@@ -111,10 +113,12 @@ def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | No
             reach = min(2.0 * reach, farthest)
 
 
-def _cells_to_beat(center: Floats, grid: Grid, position: Floats) -> float:
-    """Return the distance, in cells, from the grid's nearest point that all nearer cells keep.
+def _order_by_distance(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
+    """Return numbers in the order of the distances of centers from a position.
 
-    A cell nearer to ``position`` than ``center`` is within that of the point of the grid nearest to ``position``: the
-    grid is convex, so that its points are no farther from this point than from ``position``.
+    They are squared distances less the one of ``nearest_point``, and scaled, because squares of far positions would
+    lose the difference, or overflow.
     """
-    return float(np.linalg.norm(center - position)) / grid.spacing + 1.0
+    offsets, beyond = centers - nearest_point, nearest_point - position
+    scale = max(1.0, float(np.abs(beyond).max()))
+    return np.asarray((offsets**2).sum(axis=1) / scale + 2.0 * (offsets @ (beyond / scale)))
