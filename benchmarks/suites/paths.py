@@ -17,7 +17,7 @@ import cspace
 import planners
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.suites import drives, replanning
+from benchmarks.suites import drives
 from benchmarks.suites.lookups import at_half_a_cell, states_of
 from benchmarks.timing import Timing
 from cspace import CSpace, Robot, Workspace
@@ -66,18 +66,15 @@ class Sizes:
         of RRTConnect on all queries.
     drives : int
         Queries of drives.
-    moves : int
-        Moves of the crate for replanning.
     """
 
     queries: int
     limits: Sequence[tuple[float, int]]
     drives: int
-    moves: int
 
 
-FULL = Sizes(20, ((1.0, 4), (10.0, 1)), 24, 100)
-QUICK = Sizes(2, ((0.2, 1),), 2, 5)
+FULL = Sizes(20, ((1.0, 4), (10.0, 1)), 24)
+QUICK = Sizes(2, ((0.2, 1),), 2)
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ class Outcome:
 
 
 def run(report: Report, seed: int) -> None:
-    """Compare paths on four maps, then drives on a lattice, then replanning."""
+    """Compare paths on four maps, then drives on a lattice."""
     sizes = QUICK if report.quick else FULL
     ou.setLogLevel(ou.LOG_NONE)
     if inputs.data_folder() is None:
@@ -137,8 +134,6 @@ def run(report: Report, seed: int) -> None:
         _compare(report, problem, sizes, seed)
     office = list_problems(report.quick, seed)[-1]
     drives.compare(report, office.name, office.build(), sizes.drives, seed)
-    for problem in list_problems(report.quick, seed)[::2]:
-        replanning.measure(report, problem.name, problem.build(), sizes.moves, seed)
 
 
 def list_problems(quick: bool, seed: int) -> list[Problem]:
