@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import always_inline, kernel
 from cspace.map.storage import Cells, Stack, cells_of, high_bits, popcount, prefetch_cell, read_only, row_in, state_in
-from cspace.raster.surfaces import merge_sets
 from cspace.threads import cores, in_threads
 
 Nodes = NDArray[np.int32]
@@ -191,6 +190,28 @@ class GlobalLabels(NamedTuple):
 
 
 # ---- compiled passes -------------------------------------------------------------------------------------------------
+
+
+@kernel
+def find_root(parents: Nodes, node: int) -> int:
+    """Return the root of a node, halving its path (Tarjan, 1975)."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
+@kernel
+def merge_sets(parents: Nodes, a: int, b: int) -> bool:
+    """Merge the sets of two nodes; return False if equal.
+
+    The lower root becomes the root.
+    """
+    a, b = find_root(parents, a), find_root(parents, b)
+    if a == b:
+        return False
+    parents[max(a, b)] = min(a, b)
+    return True
 
 
 @kernel
