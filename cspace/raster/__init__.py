@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
@@ -31,7 +32,8 @@ class Raster:
     Attributes
     ----------
     cells : ndarray of bool
-        ``cells[i]`` is True if the set has the offset ``lower + i``; shape (0, ...) for the empty set.
+        ``cells[i]`` is True if the set has the offset ``lower + i``; shape (0, ...) for the empty
+        set.
     lower : tuple of int
         Offset of ``cells[0, ...]``.
     """
@@ -50,20 +52,25 @@ class Raster:
             window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
             remaining = np.asarray(remaining.any(axis=0))
         tight = np.ascontiguousarray(cells[tuple(window)])
-        return cls(frozen(tight), tuple(low + extent.start for low, extent in zip(lower, window, strict=True)))
+        first = tuple(low + part.start for low, part in zip(lower, window, strict=True))
+        return cls(frozen(tight), first)
 
     def rotate(self, matrix: Floats) -> Raster:
         """Rotate by a signed permutation matrix, which is exact."""
         if not self.cells.size:
             return self
-        axes, signs = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
-        cells = self.cells.transpose(axes)[tuple(slice(None, None, int(sign)) for sign in signs)]
-        lower = tuple(self.lower[a] if sign > 0 else -self.upper[a] for a, sign in zip(axes, signs, strict=True))
+        axes = np.abs(matrix).argmax(axis=1)
+        signs = matrix.sum(axis=1)
+        steps = tuple(slice(None, None, int(sign)) for sign in signs)
+        cells = self.cells.transpose(axes)[steps]
+        ends = zip(axes, signs, strict=True)
+        lower = tuple(self.lower[a] if sign > 0 else -self.upper[a] for a, sign in ends)
         return Raster(np.ascontiguousarray(cells), lower)
 
     def translate(self, offset: Sequence[int]) -> Raster:
         """Add an offset to every offset of the set."""
-        return Raster(self.cells, tuple(low + int(step) for low, step in zip(self.lower, offset, strict=True)))
+        steps = zip(self.lower, offset, strict=True)
+        return Raster(self.cells, tuple(low + int(step) for low, step in steps))
 
     @property
     def upper(self) -> tuple[int, ...]:
@@ -82,14 +89,17 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     Returns
     -------
     runs : ndarray of int64, shape (n, 4)
-        First offset of each run, with a leading 0 in the plane, and its length. Runs are in the order of the rasters.
+        First offset of each run, with a leading 0 in the plane, and its length. Runs are in the
+        order of the rasters.
     owner : ndarray of int64, shape (n,)
         Index of the raster that each run belongs to.
     """
     edges: list[Ints] = []
     for raster in rasters:
-        lines, n = math.prod(raster.cells.shape[:-1]), raster.cells.shape[-1]
-        # With a gap before the first line and after each line, runs start and stop where consecutive bits differ.
+        n = raster.cells.shape[-1]
+        lines = math.prod(raster.cells.shape[:-1])
+        # With a gap before the first line and after each line, runs start and stop where
+        # consecutive bits differ.
         bits = np.zeros(1 + lines * (n + 1), dtype=np.bool_)
         bits[1:].reshape(lines, n + 1)[:, :n] = raster.cells.reshape(lines, n)
         edges.append(np.flatnonzero(bits[1:] != bits[:-1]))
@@ -97,16 +107,24 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     shapes = np.array([(1, *raster.cells.shape)[-3:] for raster in rasters])[owner]
     lower = np.array([(0, *raster.lower)[-3:] for raster in rasters])[owner]
     first, stop = np.concatenate(edges).reshape(-1, 2).T
-    line, last = np.divmod(first, shapes[:, 2] + 1)
-    table = np.empty((len(first), 4), dtype=np.int64)
-    table[:, 0], table[:, 1] = np.divmod(line, shapes[:, 1])
-    table[:, 2], table[:, 3] = last, stop - first
-    table[:, :3] += lower
-    return table, owner
+    line, z = np.divmod(first, shapes[:, 2] + 1)
+    x, y = np.divmod(line, shapes[:, 1])
+    offsets = np.column_stack([x, y, z]) + lower
+    return np.column_stack([offsets, stop - first]), owner
 
 
-def in_slabs(kernel: Callable[..., None], out: Bools, *inputs: Any, min_slabs: int) -> None:
-    """Call ``kernel(out, *inputs, start, stop)`` over slabs of a bitmap, in threads.
+def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
+    """Return the owner of each item, and its number among the owner's items.
+
+    Owner ``k`` has ``counts[k]`` items.
+    """
+    owner = np.repeat(np.arange(len(counts)), counts)
+    first = np.cumsum(counts) - counts
+    return owner, np.arange(len(owner)) - first[owner]
+
+
+def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any, min_slabs: int) -> None:
+    """Call ``kernel(out, *inputs, start, stop)`` over slabs of an array, in threads.
 
     A slab is a range of first indices; a thread gets at least ``min_slabs``.
     """
@@ -121,17 +139,15 @@ def in_slabs(kernel: Callable[..., None], out: Bools, *inputs: Any, min_slabs: i
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     """Allocate an empty bitmap around a box of lattice points.
 
-    It is padded by two cells. Returns the bitmap and the offset of its first entry. Raises InputError if the box has
-    more cells than a raster may.
+    It is padded by two cells. Returns the bitmap and the offset of its first entry. Raises
+    InputError if the box has more cells than a raster may.
     """
     lower = np.floor(low) - 2
     shape = np.ceil(high) + 3 - lower
-    cells, max_cells = float(np.prod(shape)), MAX_RASTER_CELLS
+    cells = float(np.prod(shape))
+    max_cells = MAX_RASTER_CELLS
     if cells > UNCHECKED_CELLS:
-        max_cells = min(
-            MAX_RASTER_CELLS,
-            (free_bytes() or RASTERISING_BYTES_PER_CELL * MAX_RASTER_CELLS) // RASTERISING_BYTES_PER_CELL,
-        )
+        max_cells = min(MAX_RASTER_CELLS, free_bytes() // RASTERISING_BYTES_PER_CELL)
     if cells > max_cells:
         size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(

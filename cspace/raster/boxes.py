@@ -1,32 +1,36 @@
-"""Rasters of rounded boxes: balls, points, boxes and the cells of bitmaps, as robots and as obstacles.
+"""Rasters of rounded boxes: balls, points, boxes and the cells of bitmaps.
 
-A *rounded box* is a closed axis-aligned box ``[low, high]`` grown by a radius ``r >= 0``: the points within ``r`` of
-the box. A ball has ``low = high``, a point has ``r = 0`` as well. Cube ``i`` is ``i + [b0, b1]^3``: ``(0, 1)`` for the
-cells of a workspace, ``(-1, 1)`` for the outer raster of a robot, ``(0, 0)`` for lattice points. All lengths are in
-cells, and no coordinate or radius exceeds 2^22. In the plane, boxes are extruded along a third axis of one cell, so far
-that the cell lies deep inside.
+A *rounded box* is a closed axis-aligned box ``[low, high]`` grown by a radius ``r >= 0``: the
+points within ``r`` of the box. A ball has ``low = high``, a point has ``r = 0`` as well. Cube ``i``
+is ``i + [b0, b1]^3``: ``(0, 1)`` for the cells of a workspace, ``(-1, 1)`` for the outer raster of
+a robot, ``(0, 0)`` for lattice points. All lengths are in cells, and no coordinate or radius
+exceeds 2^22. In the plane, boxes are extruded along a third axis of one cell, so far that the cell
+lies deep inside.
 
-*Method.* The distance between two axis-aligned boxes is the length of the vector of gaps between their intervals. So
-cube ``i`` meets the rounded box if and only if ``dx^2 + dy^2 + dz^2 <= r^2`` for the gaps ``d``. The farthest corner of
-the cube is farthest along each axis, and a rounded box is convex; so the cube lies in the rounded box if and only if
-the same holds for the excesses of the cube over the box. In each column, ``dx`` and ``dy`` leave a half chord
-``sqrt(r^2 - dx^2 - dy^2)`` for the z-interval.
+*Method.* The distance between two axis-aligned boxes is the length of the vector of gaps between
+their intervals. So cube ``i`` meets the rounded box if and only if ``dx^2 + dy^2 + dz^2 <= r^2``
+for the gaps ``d``. The farthest corner of the cube is farthest along each axis, and a rounded box
+is convex; so the cube lies in the rounded box if and only if the same holds for the excesses of the
+cube over the box. In each column, ``dx`` and ``dy`` leave a half chord ``sqrt(r^2 - dx^2 - dy^2)``
+for the z-interval.
 
-*Rounding.* Let ``s`` = ``SLACK`` = 2^-26. Corners are scaled, moved to the array's indices and subtracted from whole
-numbers; each of these few steps rounds by at most 2^-30, so gaps and interval ends have errors below 2^-27 = s / 2.
+*Rounding.* Let ``s`` = ``SLACK`` = 2^-26. Corners are scaled, moved to the array's indices and
+subtracted from whole numbers; each of these few steps rounds by at most 2^-30, so gaps and interval
+ends have errors below 2^-27 = s / 2.
 
-Outer: the box first grows by ``s`` along each axis, so no computed gap exceeds the true gap and each interval end along
-z has ``s / 2`` to spare. A radius above zero becomes ``r + s``. The three squares and two differences under the root
-round by at most ``5 * 2^-53 (r + s)^2`` together, while enlarging the radius added ``2 r s + s^2``: ten times as much
-at ``r`` = 2^22 and more below, which also covers the rounding of ``r`` itself. So a computed half chord is shorter than
-the true one by at most the rounding of the root, 2^-31.
+Outer: the box first grows by ``s`` along each axis, so no computed gap exceeds the true gap and
+each interval end along z has ``s / 2`` to spare. A radius above zero becomes ``r + s``. The three
+squares and two differences under the root round by at most ``5 * 2^-53 (r + s)^2`` together, while
+enlarging the radius added ``2 r s + s^2``: ten times as much at ``r`` = 2^22 and more below, which
+also covers the rounding of ``r`` itself. So a computed half chord is shorter than the true one by
+at most the rounding of the root, 2^-31.
 
-Inner: the box shrinks by ``s`` along each axis, and ``r`` becomes ``max(r - 2 s, 0)``. The square loses ``4 r s - 4 s^2
->= 2 r s``, which covers the rounding under the root in the same way.
+Inner: the box shrinks by ``s`` along each axis, and ``r`` becomes ``max(r - 2 s, 0)``. The square
+loses ``4 r s - 4 s^2 >= 2 r s``, which covers the rounding under the root in the same way.
 
-Hence the outer cubes contain all cubes of the definition, and at most those within 4 ``s`` of the rounded box besides.
-The inner cubes are a subset of the definition that misses at most the cubes within 4 ``s`` of the boundary. Cubes that
-touch the boundary are outer and not inner.
+Hence the outer cubes contain all cubes of the definition, and at most those within 4 ``s`` of the
+rounded box besides. The inner cubes are a subset of the definition that misses at most the cubes
+within 4 ``s`` of the boundary. Cubes that touch the boundary are outer and not inner.
 """
 
 from __future__ import annotations
@@ -39,9 +43,8 @@ import numpy as np
 from cspace.arrays import Bools, Floats
 from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, allocate_bitmap
+from cspace.raster import Raster, allocate_bitmap, in_slabs
 from cspace.raster.segments import OBSTACLE_REACH
-from cspace.threads import in_chunks
 
 MIN_COLUMNS_FOR_THREADS = 100_000
 """Minimum number of columns, over all boxes, for which threads are started."""
@@ -62,35 +65,41 @@ class RoundedBoxes(NamedTuple):
     highs: Floats
     radii: Floats
 
-    def translate(self, shift: Floats) -> RoundedBoxes:
-        """Return the boxes moved by ``shift``, shape (dim,)."""
-        return self._replace(lows=self.lows + shift, highs=self.highs + shift)
+    def select(self, chosen: Bools) -> RoundedBoxes:
+        """Return the boxes of a mask."""
+        return RoundedBoxes(self.lows[chosen], self.highs[chosen], self.radii[chosen])
 
 
-def rounded_rasters(boxes: RoundedBoxes, spacing: float, outward: Floats, inward: Floats) -> tuple[Raster, Raster]:
+def rounded_rasters(
+    boxes: RoundedBoxes,
+    spacing: float,
+    outward: Floats,
+    inward: Floats,
+) -> tuple[Raster, Raster]:
     """Rasterise a robot that is a union of rounded boxes.
 
-    Returns the outer and the inner raster. The boxes are in the robot's frame, in metres. Each box grows by ``outward``
-    for the outer raster and shrinks by ``inward`` for the inner raster, both shape (n,), metres. Raises InputError if
-    the robot has too many cells.
+    Returns the outer and the inner raster. The boxes are in the robot's frame, in metres. Each box
+    grows by ``outward`` for the outer raster and shrinks by ``inward`` for the inner raster, both
+    shape (n,), metres. Raises InputError if the robot has too many cells.
     """
-    wide = RoundedBoxes(boxes.lows / spacing, boxes.highs / spacing, (boxes.radii + outward) / spacing)
-    tight = wide._replace(radii=boxes.radii / spacing - inward / spacing)
-    reach = wide.radii[:, None] + 1.0
-    outer, lower = allocate_bitmap((wide.lows - reach).min(axis=0), (wide.highs + reach).max(axis=0))
+    lows, highs = boxes.lows / spacing, boxes.highs / spacing
+    wide = (boxes.radii + outward) / spacing
+    tight = boxes.radii / spacing - inward / spacing
+    reach = wide[:, None] + 1.0
+    outer, lower = allocate_bitmap((lows - reach).min(axis=0), (highs + reach).max(axis=0))
     inner = np.zeros_like(outer)
-    shift = -np.asarray(lower, dtype=np.float64)
-    mark_touched(outer, wide.translate(shift), -1.0, 1.0)
-    remaining = tight.radii >= 0.0
-    mark_inside(inner, RoundedBoxes(*(part[remaining] for part in tight.translate(shift))), 0.0, 0.0)
+    lows, highs = lows - lower, highs - lower
+    mark_touched(outer, RoundedBoxes(lows, highs, wide), -1.0, 1.0)
+    mark_inside(inner, RoundedBoxes(lows, highs, tight).select(tight >= 0.0), 0.0, 0.0)
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
 def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     """Rasterise obstacles that are a union of rounded boxes.
 
-    Returns the cells that meet a box, and the cells that lie in one box. The boxes are in metres; they are clipped to
-    the grid. Raises InputError if a box reaches so far from the grid that rounding could exceed ``SLACK``.
+    Returns the cells that meet a box, and the cells that lie in one box. The boxes are in metres;
+    they are clipped to the grid. Raises InputError if a box reaches so far from the grid that
+    rounding could exceed ``SLACK``.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
@@ -101,20 +110,19 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     check_reach(float(max(-starts.min(initial=0.0), stops.max(initial=0.0))), *OBSTACLE_REACH)
     # Boxes a full cell away from the grid meet none of its cells.
     near = ((stops > -1.0) & (starts < np.add(grid.shape, 1.0))).all(axis=1)
-    local = RoundedBoxes(*(part[near] for part in local))
+    local = local.select(near)
     mark_touched(outer, local, 0.0, 1.0)
     # A box that contains a cell is at least as long as the cell's diagonal.
     size = np.linalg.norm(local.highs - local.lows, axis=1) + 2.0 * local.radii
-    large = size**2 >= 0.999 * grid.dim
-    mark_inside(inner, RoundedBoxes(*(part[large] for part in local)), 0.0, 1.0)
+    mark_inside(inner, local.select(size**2 >= 0.999 * grid.dim), 0.0, 1.0)
     return outer, inner
 
 
 def mark_touched(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     """Set ``out[i]`` if cube ``i`` meets a rounded box.
 
-    Cube ``i`` is ``i + [b0, b1]^d``; cubes outside ``out``, of two or three axes, are ignored. The boxes are in cells,
-    in the index frame of ``out``.
+    Cube ``i`` is ``i + [b0, b1]^d``; cubes outside ``out``, of two or three axes, are ignored. The
+    boxes are in cells, in the index frame of ``out``.
     """
     radii = np.where(boxes.radii > 0.0, boxes.radii + SLACK, 0.0)
     _mark_in_slabs(out, RoundedBoxes(boxes.lows - SLACK, boxes.highs + SLACK, radii), b0, b1)
@@ -123,8 +131,8 @@ def mark_touched(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
 def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     """Set ``out[i]`` if cube ``i`` lies wholly in one rounded box.
 
-    Parameters as for :func:`mark_touched`. The farthest corner of a cube is in the box if and only if the nearest
-    corner of the inverted cube (b0 and b1 swapped) is.
+    Parameters as for :func:`mark_touched`. The farthest corner of a cube is in the box if and only
+    if the nearest corner of the inverted cube (b0 and b1 swapped) is.
     """
     radii = np.maximum(boxes.radii - 2.0 * SLACK, 0.0)
     _mark_in_slabs(out, RoundedBoxes(boxes.lows + SLACK, boxes.highs - SLACK, radii), b1, b0)
@@ -132,35 +140,40 @@ def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
 
 def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     """Run the kernel in threads, each on its own slab."""
-    missing = [1] * (3 - out.ndim)  # a third axis, along which all boxes extend past the single layer of cells
-    lows, highs = np.insert(boxes.lows, missing, -2.0, axis=1), np.insert(boxes.highs, missing, 3.0, axis=1)
-    lows, highs, radii = (np.ascontiguousarray(part) for part in (lows, highs, boxes.radii))
-    out = np.expand_dims(out, missing)
-
-    def work(start: int, stop: int) -> int:
-        _mark_near(out, RoundedBoxes(lows, highs, radii), b0, b1, start, stop)
-        return -1
-
-    sides = np.minimum(highs[:, :2] - lows[:, :2] + 2.0 * radii[:, None] + abs(b1 - b0) + 1.0, out.shape[:2])
-    columns = float(np.prod(sides, axis=1).sum())
-    in_chunks(work, out.shape[0], 1 if columns > MIN_COLUMNS_FOR_THREADS else out.shape[0])
+    # In the plane, boxes extend along a third axis past the single layer of cells.
+    missing = [1] * (3 - out.ndim)
+    lows = np.insert(boxes.lows, missing, -2.0, axis=1)
+    highs = np.insert(boxes.highs, missing, 3.0, axis=1)
+    solid = np.expand_dims(out, missing)
+    extents = highs - lows + 2.0 * boxes.radii[:, None] + abs(b1 - b0) + 1.0
+    columns = float(np.minimum(extents, solid.shape)[:, :2].prod(axis=1).sum())
+    min_slabs = 1 if columns > MIN_COLUMNS_FOR_THREADS else len(out)
+    boxes = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
+    in_slabs(_mark_near, solid, boxes, b0, b1, min_slabs=min_slabs)
 
 
 @kernel
-def _mark_near(out: Bools, boxes: RoundedBoxes, b0: float, b1: float, start: int, stop: int) -> None:
+def _mark_near(
+    out: Bools,
+    boxes: RoundedBoxes,
+    b0: float,
+    b1: float,
+    start: int,
+    stop: int,
+) -> None:
     """Set ``out[i]`` if cube ``i`` is within the radius of a box.
 
-    Covers first indices in ``[start, stop)``. The gap along an axis is zero if the intervals of cube and box meet. With
-    ``b0`` above ``b1`` it is measured to the farther end of the cube, so it becomes the excess of the cube over the
-    box.
+    Covers first indices in ``[start, stop)``. The gap along an axis is zero if the intervals of
+    cube and box meet. With ``b0`` above ``b1`` it is measured to the farther end of the cube, so it
+    becomes the excess of the cube over the box.
     """
     lows, highs, radii = boxes
     _, ny, nz = out.shape
     for n in range(lows.shape[0]):
         radius = radii[n]
         square = radius * radius
-        xlow, ylow, zlow = lows[n, 0], lows[n, 1], lows[n, 2]
-        xhigh, yhigh, zhigh = highs[n, 0], highs[n, 1], highs[n, 2]
+        xlow, ylow, zlow = lows[n]
+        xhigh, yhigh, zhigh = highs[n]
         i_first = max(start, math.ceil(xlow - radius - b1))
         i_last = min(stop - 1, math.floor(xhigh + radius - b0))
         if i_first > i_last or zlow - radius - b1 > nz or zhigh + radius - b0 < -1.0:
@@ -174,7 +187,7 @@ def _mark_near(out: Bools, boxes: RoundedBoxes, b0: float, b1: float, start: int
                 rest = square - dx * dx - dy * dy
                 if rest < 0.0:
                     continue
-                # The rest of the squared radius bounds the gap along z, which gives one run of cubes.
+                # The rest of the squared radius bounds the gap along z: one run of cubes.
                 half = math.sqrt(rest)
                 k_first = max(0, math.ceil(zlow - half - b1))
                 k_last = min(nz - 1, math.floor(zhigh + half - b0))

@@ -1,7 +1,8 @@
 """Rasters of plane segments, each grown by a radius, and of the regions enclosed by closed curves.
 
-A *box* ``i`` is ``i + [b0, b1]^2``: ``(0, 1)`` for the cells of a workspace, ``(-1, 1)`` for the outer raster of a
-robot, ``(c, c)`` for sample points. Lengths are in cells, in the index frame of the output array.
+A *box* ``i`` is ``i + [b0, b1]^2``: ``(0, 1)`` for the cells of a workspace, ``(-1, 1)`` for the
+outer raster of a robot, ``(c, c)`` for sample points. Lengths are in cells, in the index frame of
+the output array.
 
 *Robots.* With spacing ``h`` and robot ``A``, grown by the margin on the outer side,
 
@@ -10,23 +11,26 @@ robot, ``(c, c)`` for sample points. Lengths are in cells, in the index frame of
 
 *Obstacles.* Outer cells meet an obstacle, inner cells lie in one obstacle.
 
-*Rounding.* All work is done in cells, on numbers below 2^22. The scaled vertices and each interval end computed from
-them have errors below 2^-28 cells: a few roundings of 2^-53 relative to such numbers, and no difference is divided by a
-smaller one (the clip parameter of an edge is a ratio in [0, 1] whose relative error is three roundings; the half chord
-of an end disc is computed from a radius enlarged by more than the rounding of its square). Outer rasters grow by
-``SLACK`` = 2^-26 cells and inner rasters shrink by as much. So the outer raster contains every offset of the
-definition, and at most those within 2 ``SLACK`` of it besides. The inner raster contains only offsets of the
-definition, and misses at most those within 3 ``SLACK`` of the robot's boundary, among them lattice points exactly on
-it. The same slack covers the rounding of a look-up (also below 2^-28 cells).
+*Rounding.* All work is done in cells, on numbers below 2^22. The scaled vertices and each interval
+end computed from them have errors below 2^-28 cells: a few roundings of 2^-53 relative to such
+numbers, and no difference is divided by a smaller one (the clip parameter of an edge is a ratio in
+[0, 1] whose relative error is three roundings; the half chord of an end disc is computed from a
+radius enlarged by more than the rounding of its square). Outer rasters grow by ``SLACK`` = 2^-26
+cells and inner rasters shrink by as much. So the outer raster contains every offset of the
+definition, and at most those within 2 ``SLACK`` of it besides. The inner raster contains only
+offsets of the definition, and misses at most those within 3 ``SLACK`` of the robot's boundary,
+among them lattice points exactly on it. The same slack covers the rounding of a look-up (also below
+2^-28 cells).
 
-*Rotation.* A rotation cell contains the rotations within an angle a of its representative. Within the cell, a robot
-point p moves by at most ``2 |p| sin(a / 2)``. So the robot at any rotation of the cell lies in the robot at the
-representative rotation with each piece of its boundary grown by that displacement, for the farthest point of the piece.
-A point farther than that from each piece of the boundary is inside at all rotations if it is inside at one. Pieces are
-so short that the growth varies by less than a quarter of a cell along each.
+*Rotation.* A rotation cell contains the rotations within an angle a of its representative. Within
+the cell, a robot point p moves by at most ``2 |p| sin(a / 2)``. So the robot at any rotation of the
+cell lies in the robot at the representative rotation with each piece of its boundary grown by that
+displacement, for the farthest point of the piece. A point farther than that from each piece of the
+boundary is inside at all rotations if it is inside at one. Pieces are so short that the growth
+varies by less than a quarter of a cell along each.
 
-The work grows with the length of the boundary; only the parity fill visits every cell of the bounding box, at one byte
-each.
+The work grows with the length of the boundary; only the parity fill visits every cell of the
+bounding box, at one byte each.
 """
 
 from __future__ import annotations
@@ -40,7 +44,7 @@ import numpy as np
 from cspace.arrays import Bools, Floats
 from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, allocate_bitmap
+from cspace.raster import Raster, allocate_bitmap, expand_counts
 from cspace.rotations import NO_ROTATION, RotationCell
 
 OBSTACLE_REACH: Final = (
@@ -52,16 +56,21 @@ OBSTACLE_REACH: Final = (
 
 
 def outline_rasters(
-    parts: Sequence[tuple[Floats, bool]], spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    parts: Sequence[tuple[Floats, bool]],
+    spacing: float,
+    margin: float = 0.0,
+    rotation: RotationCell = NO_ROTATION,
 ) -> tuple[Raster, Raster]:
     """Rasterise a robot that is a union of regions and lines.
 
-    Returns the outer and the inner raster; lengths are in metres. Each part is a pair: boundary segments ``(x0, y0, x1,
-    y1)``, shape (E, 4), and whether they form closed curves, in any order. If they do, the part is the region that they
-    enclose by even-odd parity. The rasters hold for all rotations of the rotation cell.
+    Returns the outer and the inner raster; lengths are in metres. Each part is a pair: boundary
+    segments ``(x0, y0, x1, y1)``, shape (E, 4), and whether they form closed curves, in any order.
+    If they do, the part is the region that they enclose by even-odd parity. The rasters hold for
+    all rotations of the rotation cell.
     """
-    outlines = [_rotate_segments(_cut_segments(segments / spacing, rotation), rotation) for segments, _ in parts]
-    growths = [rotation.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in outlines]
+    pieces = [_cut_segments(segments / spacing, rotation) for segments, _ in parts]
+    outlines = [rotation.apply(each.reshape(-1, 2)).reshape(-1, 4) for each in pieces]
+    growths = [rotation.displacement(each.reshape(-1, 2, 2)).max(axis=1) for each in outlines]
     radius = margin / spacing
     points = np.concatenate(outlines).reshape(-1, 2)
     reach = radius + max(float(growth.max()) for growth in growths) + 1.0
@@ -85,8 +94,9 @@ def outline_rasters(
 def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Bools, Bools]:
     """Rasterise obstacles that are regions and lines.
 
-    Returns the outer and the inner cells; parts as for :func:`outline_rasters`. Obstacles are clipped to the grid.
-    Raises InputError if a coordinate is so far from the grid that rounding could exceed ``SLACK``.
+    Returns the outer and the inner cells; parts as for :func:`outline_rasters`. Obstacles are
+    clipped to the grid. Raises InputError if a coordinate is so far from the grid that rounding
+    could exceed ``SLACK``.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
@@ -107,8 +117,8 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
 def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
     """Convert segments to cells of the window that they can touch.
 
-    Returns the segments, or None if they miss the grid, and the window of the grid, which reaches one cell past their
-    bounding box.
+    Returns the segments, or None if they miss the grid, and the window of the grid, which reaches
+    one cell past their bounding box.
     """
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
     check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE_REACH)
@@ -121,11 +131,6 @@ def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice
     return np.ascontiguousarray(local - np.tile(first, 2)), window
 
 
-def _rotate_segments(segments: Floats, rotation: RotationCell) -> Floats:
-    """Rotate segments by the representative rotation of a rotation cell."""
-    return rotation.apply(segments.reshape(-1, 2)).reshape(-1, 4)
-
-
 def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
     """Cut segments so that the displacement hardly varies along each.
 
@@ -133,24 +138,28 @@ def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
     """
     swing = float(rotation.displacement(np.array([1.0, 0.0])))
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-    pieces = np.maximum(np.ceil(4.0 * swing * lengths).astype(int), 1)
-    if (pieces == 1).all():
-        return segments
-    source = np.repeat(np.arange(len(segments)), pieces)
-    index = np.arange(len(source)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    starts, steps = segments[source, :2], segments[source, 2:] - segments[source, :2]
+    pieces = np.maximum(np.ceil(4.0 * swing * lengths).astype(np.int64), 1)
+    owner, index = expand_counts(pieces)
+    count = pieces[owner]
+    starts = segments[owner, :2]
+    ends = segments[owner, 2:]
     # Neighbouring pieces must share endpoints to the last bit, so both ends use the same formula.
-    first = starts + steps * (index / pieces[source])[:, None]
-    last = np.where(
-        (index + 1 == pieces[source])[:, None],
-        segments[source, 2:],
-        starts + steps * ((index + 1) / pieces[source])[:, None],
-    )
+    first = starts + (ends - starts) * (index / count)[:, None]
+    last = starts + (ends - starts) * ((index + 1) / count)[:, None]
+    is_last = index + 1 == count
+    last[is_last] = ends[is_last]
     return np.hstack([first, last])
 
 
 @kernel
-def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1: float) -> tuple[float, float]:
+def _segment_over_slab(
+    px: float,
+    py: float,
+    qx: float,
+    qy: float,
+    x0: float,
+    x1: float,
+) -> tuple[float, float]:
     """Return the y-interval of a segment over a slab.
 
     The slab is ``x0 <= x <= x1``. Returns (inf, -inf) if they are disjoint.
@@ -167,7 +176,13 @@ def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1
 
 
 @kernel
-def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -> tuple[float, float]:
+def _disc_over_slab(
+    cx: float,
+    cy: float,
+    radius: float,
+    x0: float,
+    x1: float,
+) -> tuple[float, float]:
     """Return the y-interval of a disc over a slab.
 
     The slab is ``x0 <= x <= x1``. Returns (inf, -inf) if they are disjoint.
@@ -180,17 +195,23 @@ def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -
 
 
 @kernel
-def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: float, slack: float) -> None:
+def mark_touched(
+    out: Bools,
+    segments: Floats,
+    radii: Floats,
+    b0: float,
+    b1: float,
+    slack: float,
+) -> None:
     """Set ``out[i]`` if box ``i`` meets a segment grown by its radius.
 
-    Gaps up to ``slack`` count as touching. The grown segment is convex, so its part over the x-slab of a box spans a
-    y-interval; the box meets it if and only if their y-intervals overlap. That interval is the hull of the intervals of
-    the two end discs and the rectangle between them.
+    Gaps up to ``slack`` count as touching. The grown segment is convex, so its part over the x-slab
+    of a box spans a y-interval; the box meets it if and only if their y-intervals overlap. That
+    interval is the hull of the intervals of the two end discs and the rectangle between them.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
-        px, py = segments[e, 0], segments[e, 1]
-        qx, qy = segments[e, 2], segments[e, 3]
+        px, py, qx, qy = segments[e]
         radius = radii[e] + slack if radii[e] > 0.0 else 0.0
         # Offset from the segment to one side of the rectangle.
         ox, oy = py - qy, qx - px
@@ -222,19 +243,18 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
     """Fill closed curves by even-odd parity.
 
-    Sets ``out[i, j]`` if the point ``(i + c, j + c)`` is inside. Exact for points farther from the curve than rounding;
-    ``out`` must be all False.
+    Sets ``out[i, j]`` if the point ``(i + c, j + c)`` is inside. Exact for points farther from the
+    curve than rounding; ``out`` must be all False.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
-        px, py = segments[e, 0], segments[e, 1]
-        qx, qy = segments[e, 2], segments[e, 3]
+        px, py, qx, qy = segments[e]
         if px == qx:
             continue
         if px > qx:
             px, qx = qx, px
             py, qy = qy, py
-        # An edge crosses the column x = i + c if px <= x < qx, so a vertex counts for only one edge.
+        # An edge crosses the column x = i + c if px <= x < qx, so a vertex counts for one edge.
         first = max(0, math.ceil(px - c))
         last = min(nx - 1, math.ceil(qx - c) - 1)
         for i in range(first, last + 1):
@@ -244,7 +264,8 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
                 j = max(j, 0)
                 out[i, j] = not out[i, j]
     for i in range(nx):
-        inside: bool = np.bool_(False)  # type: ignore[assignment]  # numba needs one type throughout
+        inside = False
         for j in range(ny):
-            inside ^= out[i, j]
+            if out[i, j]:
+                inside = not inside
             out[i, j] = inside

@@ -73,7 +73,7 @@ _MAX_HALVINGS: Final = 63
 """Maximum number of times that a triangle is halved."""
 
 _MAX_PROJECTIONS: Final = 3
-"""Number of alternating projections between cube and triangle that are tried before all features."""
+"""Number of alternating projections of cube and triangle that are tried before all features."""
 
 _RADIUS_SLACK: Final = 2.0**-20
 """Rounding allowance of a radius, in cells, before the share of the triangles' extent."""
@@ -161,8 +161,7 @@ def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTria
 
 def _max_corner_distance(triangles: Floats) -> Floats:
     """Return the distance of each triangle's farthest corner from the origin."""
-    farthest: Floats = np.sqrt(np.einsum("ijk,ijk->ij", triangles, triangles).max(axis=1))
-    return farthest
+    return np.asarray(np.sqrt(_square_lengths(triangles.swapaxes(0, 1)).max(axis=0)))
 
 
 def subdivide(
@@ -177,27 +176,30 @@ def subdivide(
     distance of the nearest corner from the origin (from the z axis, if ``about_z``), whichever is
     larger.
     """
-    short = []
+    corners = np.ascontiguousarray(triangles.swapaxes(0, 1))
+    pieces = []
     for _ in range(_MAX_HALVINGS):
-        sides = np.roll(triangles, -1, axis=1) - triangles
-        squares = (sides**2).sum(axis=2)
-        levers = triangles[..., : 2 if about_z else 3]
-        nearest = np.sqrt((levers**2).sum(axis=2).min(axis=1))
-        max_sides = np.maximum(max_side, max_relative * nearest)
-        is_long = np.sqrt(squares.max(axis=1)) > max_sides
-        short.append(triangles[~is_long])
-        triangles = triangles[is_long]
-        if not len(triangles):
+        squares = _square_lengths(corners[[1, 2, 0]] - corners)
+        nearest = np.sqrt(_square_lengths(corners[..., : 2 if about_z else 3]).min(axis=0))
+        is_long = np.sqrt(squares.max(axis=0)) > np.maximum(max_side, max_relative * nearest)
+        pieces.append(corners[:, ~is_long])
+        corners = corners[:, is_long]
+        if not corners.size:
             break
-        rows = np.arange(len(triangles))
-        first = squares[is_long].argmax(axis=1)
+        first = squares[:, is_long].argmax(axis=0)
         second = (first + 1) % 3
-        midpoints = (triangles[rows, first] + triangles[rows, second]) / 2.0
-        halves = np.stack([triangles, triangles])
-        halves[0, rows, first] = midpoints
-        halves[1, rows, second] = midpoints
-        triangles = halves.reshape(-1, 3, 3)
-    return np.concatenate([*short, triangles])
+        rows = np.arange(len(first))
+        midpoints = (corners[first, rows] + corners[second, rows]) / 2.0
+        other = corners.copy()
+        corners[first, rows] = midpoints
+        other[second, rows] = midpoints
+        corners = np.concatenate([corners, other], axis=1)
+    return np.concatenate([*pieces, corners], axis=1).swapaxes(0, 1).copy()
+
+
+def _square_lengths(vectors: Floats) -> Floats:
+    """Return the squared lengths of vectors, faster than along a short axis."""
+    return np.asarray(sum(vectors[..., axis] ** 2 for axis in range(vectors.shape[-1])))
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
@@ -433,26 +435,27 @@ def _mark_within(
         first_x, last_x = _cubes_along(triangle, 3, 0, reach, reach, start, stop)
         first_y, last_y = _cubes_along(triangle, 3, 1, reach, reach, 0, ny)
         first_z, last_z = _cubes_along(triangle, 3, 2, rise, rise, 0, nz)
+        # Cubes far from the plane of the triangle cannot be near either.
+        a = row_at(triangle[0], 0)
+        along_x, along_y, half_height = _plane_heights(triangle, near, half)
         for i in range(first_x, last_x + 1):
             for j in range(first_y, last_y + 1):
-                low, high = _heights_near_plane(triangle, i, j, near, half)
-                for k in range(max(first_z, math.ceil(low)), min(last_z, math.floor(high)) + 1):
+                height = a[2] + along_x * (i - a[0]) + along_y * (j - a[1])
+                first = max(first_z, math.ceil(height - half_height))
+                last = min(last_z, math.floor(height + half_height))
+                for k in range(first, last + 1):
                     center = float(i), float(j), float(k)
                     if not out[i, j, k] and _is_swept_near(swept, t, center, half, radius, slack):
                         out[i, j, k] = True
 
 
 @kernel
-def _heights_near_plane(
-    triangle: Floats,
-    x: float,
-    y: float,
-    distance: float,
-    half: float,
-) -> tuple[float, float]:
-    """Return the z-interval of the cubes above (x, y) within a distance of a triangle's plane.
+def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[float, float, float]:
+    """Return the plane of a triangle as heights over (x, y).
 
-    It is unlimited if the plane is steep or the triangle thin.
+    Returns the slopes along x and y, and the half height of the cubes within a distance of the
+    plane. It is unlimited if the plane is steep or the triangle thin. The distance includes the
+    allowance for rounding; with the slope it grows faster than the error of the heights.
     """
     a, n = row_at(triangle[0], 0), normal_of(triangle)
     ab, ac = minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a)
@@ -460,8 +463,6 @@ def _heights_near_plane(
     longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
     length = math.sqrt(dot(n, n))
     if abs(n[2]) <= max(MIN_NORMAL_Z * length, THIN * longest):
-        return -_UNLIMITED, _UNLIMITED
-    level = a[2] - (n[0] * (x - a[0]) + n[1] * (y - a[1])) / n[2]
+        return 0.0, 0.0, _UNLIMITED
     extent = half * (abs(n[0]) + abs(n[1]) + abs(n[2]))
-    half_height = (distance * length + extent) / abs(n[2])
-    return level - half_height, level + half_height
+    return -n[0] / n[2], -n[1] / n[2], (distance * length + extent) / abs(n[2])

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy  # loads its submodules on first use
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
@@ -244,12 +245,11 @@ class Voxels(ExactShape):
         """Boxes that cover the cells in space."""
         if self.dim == 2:
             return super().boxes
-        from cspace.raster.surfaces import RunComponents
-
-        cells, cavities = self.occupied, RunComponents.of(~self.occupied)
-        lows, highs = cover_with_boxes(cells, 1.0, np.zeros(3))
-        firsts = lows.astype(np.int64) @ (cells.shape[1] * cells.shape[2], cells.shape[2], 1)
-        sizes = np.asarray(self.side * cavities.lengths()[cavities.labels_at(firsts)], dtype=np.float64)
+        labels, _ = scipy.ndimage.label(self.occupied)
+        boxes = scipy.ndimage.find_objects(labels)
+        longest = np.array([max(part.stop - part.start for part in box) for box in boxes])
+        lows, highs = cover_with_boxes(self.occupied, 1.0, np.zeros(3))
+        sizes = self.side * longest[labels[tuple(lows.astype(np.int64).T)] - 1]
         return Boxes(self.lower + self.side * lows, self.lower + self.side * highs, sizes)
 
     @cached_property

@@ -6,15 +6,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-import scipy.ndimage
 import trimesh
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 from scipy.optimize import nnls
 
 from cspace import Grid, InputError, Mesh, MeshWarning
-from cspace.raster.surfaces import RunComponents
 from cspace.raster.triangles import mark_within, subdivide, sweep_triangles
 from tests import solids
 from tests.mesh_files import join_meshes, make_box
@@ -437,24 +434,6 @@ def test_a_thin_robot_is_never_too_small():
         )
         assert outer.cells[gaps <= 1.6].all()
         assert not outer.cells[gaps > 1.6 + 0.1].any()
-
-
-@given(hnp.arrays(np.bool_, st.tuples(*(st.integers(1, 7),) * 3)))
-def test_components_agree_with_scipy(blocked):
-    components = RunComponents.of(blocked)
-    labels, count = scipy.ndimage.label(~blocked)
-    assert components.n_components == count
-    ring = np.ones_like(blocked)
-    ring[1:-1, 1:-1, 1:-1] = False
-    labels_seen = set()
-    for number, touch_boundary in enumerate(components.touch_boundary()):
-        out = np.zeros_like(blocked)
-        components.fill(out, np.arange(count) == number)
-        label = int(labels[tuple(np.argwhere(out)[0])])
-        labels_seen.add(label)
-        assert (out == (labels == label)).all()
-        assert touch_boundary == (out & ring).any()
-    assert labels_seen == set(range(1, count + 1))
 
 
 @pytest.mark.parametrize("call", ["grid", "robot"])
