@@ -10,15 +10,36 @@ import nox
 PYTHON = sys.executable
 """The Python that nox runs with, and whose environment the tasks without one of their own use."""
 
+PYTHONS = ["3.11", "3.12", "3.13"]
+"""The Pythons that the tests run on."""
+
 nox.options.sessions = ["lint", "test"]
 nox.options.reuse_venv = "yes"
 
 
-@nox.session(python=["3.11", "3.12", "3.13"])
+@nox.session(python=PYTHONS)
 def test(session: nox.Session) -> None:
     """Run the tests on each Python, e.g. `nox -s test-3.12 -- tests/rotations`."""
-    session.install("-e", ".[test]")
+    session.install("-c", "constraints.txt", "-e", ".[test]")
     session.run("python", "-m", "pytest", "-q", *session.posargs)
+
+
+@nox.session(python=PYTHONS)
+def newest(session: nox.Session) -> None:
+    """Run the tests on each Python with the newest releases within the bounds of pyproject.toml."""
+    session.install("--upgrade", "--upgrade-strategy", "eager", "-e", ".[test]")
+    session.run("python", "-m", "pip", "list")
+    session.run("python", "-m", "pytest", "-q", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def constraints(session: nox.Session) -> None:
+    """Pin the newest releases of all dependencies, for all Pythons and systems, in constraints.txt."""
+    session.run(
+        *(PYTHON, "-m", "uv", "pip", "compile", "--quiet", "--universal", "--upgrade", "--no-annotate"),
+        *("--python-version", PYTHONS[0], "--extra", "dev", "--extra", "benchmark"),
+        *("--custom-compile-command", "nox -s constraints", "pyproject.toml", "-o", "constraints.txt"),
+    )
 
 
 @nox.session(venv_backend="none")

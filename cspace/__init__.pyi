@@ -31,6 +31,7 @@ from .errors import FileError as FileError
 from .errors import GeometryError as GeometryError
 from .errors import InputError as InputError
 from .errors import MissingPackageError as MissingPackageError
+from .errors import UnitWarning as UnitWarning
 from .grid import Grid as Grid
 from .opening import open as open  # noqa: A004
 from .opening import open_slice as open_slice

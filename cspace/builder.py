@@ -11,11 +11,12 @@ import os
 from collections.abc import Sequence
 from functools import partial
 from threading import Lock
-from typing import TYPE_CHECKING, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Final, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arrays import Floats
 from cspace.check import check_count, check_not_negative, check_word
 from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import (
@@ -29,7 +30,8 @@ from cspace.engines.slices import (
     raster_tasks,
     slice_rasters,
 )
-from cspace.errors import InputError
+from cspace.errors import InputError, UnitWarning, warn_user
+from cspace.grid import SLACK, Grid
 from cspace.limits import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import OUTSIDES, Exterior
@@ -45,6 +47,15 @@ if TYPE_CHECKING:
 
     from cspace.shapes import ShapeLike
     from cspace.tiles.space import TiledCSpace
+
+MAX_OPEN_SIZE_RATIO: Final = 10.0
+"""Longest side of a robot over that of a workspace without walls, above which a unit is wrong."""
+
+MIN_ROBOT_CELLS: Final = 0.02
+"""Longest side of a robot, in cells, below which its unit is probably wrong."""
+
+MAX_ORIGIN_SIZES: Final = 10.0
+"""Distance of a robot from its reference point, in its longest sides, that suggests an error."""
 
 
 class BuildOptions(TypedDict, total=False):
@@ -99,8 +110,9 @@ def build(
     workspace : Workspace
         The obstacles, in the plane or in space.
     robot : Robot, or shape
-        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, or any other argument of
-        :meth:`CSpace.add_obstacle`) is a robot with its reference point at the origin of the shape.
+        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, a
+        short text of :meth:`Robot.parse`, or any other argument of :meth:`CSpace.add_obstacle`)
+        is a robot with its reference point at the origin of the shape.
     rotations : int, array-like or Rotations, optional
         Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about z in space: the
         number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over 2
@@ -147,6 +159,14 @@ def build(
     FileError
         If the store is of another map or cannot be written, or the workspace changes while it is read.
 
+    Warns
+    -----
+    UnitWarning
+        If the robot is larger than the workspace, smaller than a fiftieth of a cell, or farther
+        from its reference point than ten times its size, as in another unit than the metre. A
+        point raises no warning. Without walls (``outside="free"``), the robot may be ten times as
+        large as the workspace.
+
     References
     ----------
     L. E. Kavraki, "Computation of configuration-space obstacles using the fast Fourier transform", 1995.
@@ -161,15 +181,10 @@ def build(
     True
     """
     margin, cells = check_not_negative(margin, "margin", GROWN), Rotations.of(rotations)
-    for name, given, kind, is_wrong, example in (
-        ("workspace", workspace, "Workspace", not isinstance(workspace, Workspace), "Workspace.from_array(...) first"),
-        ("robot", robot, "Robot", isinstance(robot, Workspace | str | os.PathLike), "Robot.parse('disc:0.3') second"),
-    ):
-        if is_wrong:
-            hint = f"call build(workspace, robot), e.g. with {example}"
-            raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind}", hint, value=given)
+    _check_types(workspace, robot)
     robot = robot_of(robot)
     _check(workspace, robot, cells, method, counts, outside, workers)
+    _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:
         from cspace.tiles.build import Settings, build_tiles
 
@@ -274,6 +289,19 @@ def _report_progress(progress: Progress, slices: int, batches: int, done: int) -
     progress(slices * done // batches, slices)
 
 
+def _check_types(workspace: object, robot: object) -> None:
+    """Raise InputError unless a workspace and perhaps a robot are given."""
+    if not isinstance(workspace, Workspace):
+        hint = "call build(workspace, robot), e.g. with Workspace.from_array(...) first"
+        if isinstance(workspace, str | os.PathLike) and not isinstance(robot, Workspace):
+            hint = f"read the file first: Workspace.open({os.fspath(workspace)!r})"
+        problem = f"is a {type(workspace).__name__}"
+        raise InputError("workspace", problem, "it must be a Workspace", hint, value=workspace)
+    if isinstance(robot, Workspace):
+        hint = "call build(workspace, robot), e.g. with Robot.parse('disc:0.3') second"
+        raise InputError("robot", "is a Workspace", "it must be a Robot", hint, value=robot)
+
+
 def _check(
     workspace: Workspace,
     robot: Robot,
@@ -296,3 +324,52 @@ def _check(
         problem, hint = f"is {method!r} and counts is True", "use method='fft' or method='auto'"
         raise InputError("method", problem, "only transforms give counts", hint, value=method)
     check_word(outside, "outside", OUTSIDES)
+
+
+def _warn_of_units(
+    grid: Grid,
+    robot: Robot,
+    rotations: Rotations,
+    margin: float,
+    outside: str,
+) -> None:
+    """Warn if a robot's size or place suggests another unit or origin."""
+    lower, upper = robot.shape.outer.bounds
+    sides, room = upper - lower, grid.spacing * np.array(grid.shape)
+    size = float(sides.max())
+    distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
+    if outside == "blocked" and not _may_fit(sides + 2.0 * margin, room, rotations):
+        problem = f"with a margin of {margin:g} m, " * (margin > 0.0)
+        problem += f"the workspace is {_sides_text(room)}, so it fits nowhere and no cell is FREE"
+        hint = "check the units of both (metres, not millimetres), and the workspace's bounds"
+    elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * room.max():
+        problem = f"the workspace is only {_sides_text(room)}"
+        hint = "check the units of both (metres, not millimetres)"
+    elif 0.0 < size < MIN_ROBOT_CELLS * grid.spacing:
+        share = f"1/{1.0 / MIN_ROBOT_CELLS:g}"
+        problem = f"less than {share} of a cell of {grid.spacing:g} m, so it counts as a point"
+        hint = "check its unit (metres, not kilometres): scale it, or use a smaller spacing"
+    elif distance > MAX_ORIGIN_SIZES * size > 0.0:
+        move = ", ".join(f"{0.0 - x:g}" for x in (lower + upper) / 2.0)
+        problem = f"it lies {distance:g} m from its origin, the reference point of configurations"
+        hint = f"move its center there, by ({move}) m, and check the units (metres)"
+    else:
+        return
+    warn_user(f"the robot is {_sides_text(sides)} large; {problem}; {hint}", UnitWarning)
+
+
+def _may_fit(sides: Floats, room: Floats, rotations: Rotations) -> bool:
+    """Return False if a box of some sides fits nowhere, however it turns.
+
+    A box longer than the diagonal of the axes that rotations mix does not fit. Without rotations,
+    each axis counts alone; yaw mixes x and y.
+    """
+    mixed_axes = {0: [[0], [1], [2]], 1: [[0, 1], [2]]}.get(len(rotations.names), [[0, 1, 2]])
+    groups = [axes for axes in mixed_axes if axes[0] < len(sides)]
+    diagonals = [(1.0 + SLACK) * float(np.linalg.norm(room[axes])) for axes in groups]
+    return all(sides[axes].max() <= most for axes, most in zip(groups, diagonals, strict=True))
+
+
+def _sides_text(sides: Floats) -> str:
+    """Format the sides of a box, metres."""
+    return " x ".join(f"{side:.6g} m" for side in sides)

@@ -115,8 +115,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         >>> import numpy as np, cspace
         >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
         >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
-        >>> space.slice_of
-        array([0, 1, 2, 3, 0, 1, 2, 3])
+        >>> space.slice_of.tolist()
+        [0, 1, 2, 3, 0, 1, 2, 3]
         >>> len(space.slice_rotations)
         4
         """
@@ -265,15 +265,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         highest = np.maximum(*pairs(states))
         possible = np.asarray(highest <= MIXED)
-        likely_apart, are_soon_joined = False, _unknown
-        if count == 1 and len(cells) == 2 and possible.all():
-            likely_apart, are_soon_joined = self._guess_connectivity(cells)
-        if likely_apart:
-            possible = find_joined(possible, mixed=True)
         joined = find_joined(possible & (highest == FREE), mixed=False)
-        open_pairs = possible & ~joined
-        if not (open_pairs.all() and are_soon_joined()):
-            open_pairs = find_joined(open_pairs, mixed=True)
+        open_pairs = find_joined(possible & ~joined, mixed=True)
         return np.asarray(joined), np.asarray(~(joined | open_pairs))
 
     @overload
@@ -389,14 +382,6 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def _components(self) -> Components:
         """Connected components of cells that share sides."""
 
-    def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
-        """Guess whether two cells are disconnected.
-
-        ``cells`` has shape (2, 1 + d). If so, MIXED components are tested first. Also return a quick test that may
-        prove that FREE and MIXED cells join the two.
-        """
-        return False, _unknown
-
     def _cells_of(self, points: Floats) -> Ints:
         """Return the cells of configurations.
 
@@ -408,11 +393,6 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
 def _bool_or_array(proven: Bools) -> bool | Bools:
     return proven if proven.ndim else bool(proven)
-
-
-def _unknown() -> bool:
-    """Return False: nothing is known soon."""
-    return False
 
 
 def _are_free(classify: Query, parts: Sequence[Any], out: NDArray[Any]) -> int:

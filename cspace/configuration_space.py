@@ -197,10 +197,10 @@ class ConfigurationSpace(SpaceView, ABC):
         >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
         >>> corners = [(0.5, 1.5), (0.5, 2.5), (1.5, 2.5), (1.5, 0.5)]
-        >>> space.certify_path(corners)
-        array([ True,  True, False])
-        >>> space.certify_path(corners, [(0, 2), (2, 3)])
-        array([ True, False])
+        >>> space.certify_path(corners).tolist()
+        [True, True, False]
+        >>> space.certify_path(corners, [(0, 2), (2, 3)]).tolist()
+        [True, False]
         """
         points = self._check_configurations(path, "path")
         if edges is not None:

@@ -97,6 +97,13 @@ class AngleWarning(UserWarning):
     """
 
 
+class UnitWarning(UserWarning):
+    """A size suggests another unit than the metre, or a frame with another origin.
+
+    It is used in metres, as given.
+    """
+
+
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
     frame, level = sys._getframe(1), 2

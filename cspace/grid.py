@@ -65,10 +65,10 @@ class Grid:
     --------
     >>> import cspace
     >>> grid = cspace.Grid((0.0, 0.0), 0.5, (10, 8))
-    >>> grid.cell_of((1.2, 3.9))
-    array([2, 7])
-    >>> grid.center_of((2, 7))
-    array([1.25, 3.75])
+    >>> grid.cell_of((1.2, 3.9)).tolist()
+    [2, 7]
+    >>> grid.center_of((2, 7)).tolist()
+    [1.25, 3.75]
     """
 
     lower: tuple[float, ...]

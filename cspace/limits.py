@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -29,9 +29,6 @@ MESH_CELL_BYTES: Final = 8
 
 TRANSFORM_BYTES: Final = 2**27
 """Memory for the transforms of a build with a robot at most a hundred cells across, whatever the size of the map."""
-
-COMPONENT_STATE_BYTES: Final = 0.1
-"""Memory for each state while components are labelled: measured, 0.06; more if FREE and other cells alternate."""
 
 SLICE_BYTES: Final = 2_500
 """Memory for each slice of a rotating robot beside the cells of its rasters. Measured: 1,900 to 2,500."""
@@ -76,10 +73,20 @@ class Limits(NamedTuple):
         Bytes of a file, or of its unpacked content.
     max_cells : int
         Cells, voxels or pixels of its grid.
+    max_text_bytes : int
+        Bytes of JSON, GeoJSON, WKT and COLLADA, and of the JSON of glTF, which are parsed as a whole.
+    max_description_bytes : int
+        Bytes of YAML, URDF and SRDF, which take longest: up to two seconds for this size.
     """
 
     max_bytes: int = 2**32
     max_cells: int = 2**29
+    max_text_bytes: int = 2**26
+    max_description_bytes: int = 2**22
+
+
+SizeLimit = Literal["max_bytes", "max_text_bytes", "max_description_bytes"]
+"""Names of the limits that are sizes of files."""
 
 
 _LIMITS: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it cannot be changed
@@ -126,39 +133,62 @@ def free_bytes() -> int:
 
 
 @contextmanager
-def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None) -> Iterator[None]:
+def raised_limits(
+    *,
+    max_bytes: int | None = None,
+    max_cells: int | None = None,
+    max_text_bytes: int | None = None,
+    max_description_bytes: int | None = None,
+) -> Iterator[None]:
     """Change the limits of files within a ``with`` block.
 
     Parameters
     ----------
-    max_bytes, max_cells : int, optional
-        Maximum size of a file in bytes, and maximum number of cells of a map; unchanged if left out.
+    max_bytes : int, optional
+        Maximum size of any file, in bytes; unchanged if left out, like all others.
+    max_cells : int, optional
+        Maximum number of cells of a map.
+    max_text_bytes : int, optional
+        Maximum size of JSON, GeoJSON, WKT, COLLADA and glTF without its buffers, in bytes.
+    max_description_bytes : int, optional
+        Maximum size of YAML, URDF and SRDF, in bytes.
 
     Examples
     --------
     >>> with raised_limits(max_cells=2**33):
     ...     pass  # e.g. workspace = cspace.Workspace.open("city.png", spacing=0.05)
     """
-    current = _LIMITS.get()
-    max_file_bytes = current.max_bytes if max_bytes is None else max_bytes
-    token = _LIMITS.set(Limits(max_file_bytes, current.max_cells if max_cells is None else max_cells))
+    given = {
+        "max_bytes": max_bytes,
+        "max_cells": max_cells,
+        "max_text_bytes": max_text_bytes,
+        "max_description_bytes": max_description_bytes,
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
+    token = _LIMITS.set(_LIMITS.get()._replace(**changes))
     try:
         yield
     finally:
         _LIMITS.reset(token)
 
 
-def check_bytes(path: StrPath, size: int, what: str = "holds", memory: float = 1.0) -> None:
+def check_bytes(
+    path: StrPath,
+    size: int,
+    what: str = "holds",
+    memory: float = 1.0,
+    limit: SizeLimit = "max_bytes",
+) -> None:
     """Refuse a file of too many bytes.
 
     ``what`` is a verb for the message, such as "holds" or "unpacks to". Raises FileError if the size exceeds
-    ``max_bytes``, or ``memory`` times the size does not fit into memory.
+    ``max_bytes`` or ``limit``, or ``memory`` times the size does not fit into memory.
     """
-    limit = _LIMITS.get().max_bytes
-    if size > limit or memory * size >= _MIN_CHECKED_BYTES:
-        problem = f"{what} {bytes_text(size)}"
-        _check_limit(path, problem, size, "max_bytes", bytes_text(limit), size)
-        check_file_memory(path, problem, memory * size)
+    problem = f"{what} {bytes_text(size)}"
+    limits = _LIMITS.get()
+    name = min("max_bytes", limit, key=lambda each: getattr(limits, each))
+    _check_limit(path, problem, size, name, bytes_text(getattr(limits, name)), size)
+    check_file_memory(path, problem, memory * size)
 
 
 def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:

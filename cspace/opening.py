@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import StrPath
 from cspace.errors import FileError
-from cspace.files.access import inspect_path, retry_if_replaced
+from cspace.files.access import inspect_path, retry_if_replaced, suggest_name
 from cspace.space import CSpace
 from cspace.store import Store, making_map, unfinished_map_error
 from cspace.tiles.space import TiledCSpace
@@ -117,7 +117,7 @@ def _check_folder(path: str | os.PathLike[str]) -> None:
     """Raise FileError if there is no folder at a path."""
     (file, what), rule = inspect_path(path, "saved map"), "a saved map is a Zarr folder"
     if not what:
-        raise FileError(str(file), "does not exist", rule, "check the name")
+        raise FileError(str(file), "does not exist", rule, suggest_name(file) or "check the name")
     if what != "a folder" and file.suffix.lower() == ".npz":
         rule = f"{rule}; .npz is an export, for numpy.load"
         raise FileError(str(file), "is not a saved map", rule, "save the map with space.save('map.zarr')")

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Surface
 from cspace.check import check_not_negative, check_positive
 from cspace.errors import FileError, InputError
+from cspace.files.access import suggest_name
 from cspace.grid import check_reach
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
@@ -471,7 +472,8 @@ class Robot(NotebookPicture):
             known = ", ".join(files)
             if name and Path(name).exists():
                 raise FileError(name, f"has suffix {suffix!r}", f"robots are read from {known}", "convert the file")
-            hint = f"pass {known}; Robot.parse takes {', '.join(primitives.SHORT_TEXTS)}"
+            kinds = f"pass {known}; Robot.parse takes {', '.join(primitives.SHORT_TEXTS)}"
+            hint = " ".join(filter(None, (suggest_name(Path(name)), kinds)))
             raise InputError("robot", f"is {text!r}", "it must be a file that describes a robot", hint, value=path)
         reader, taken = files[suffix]
         given = {"solid": solid, "package_dirs": package_dirs}

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
+from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
 from cspace.check import check_count, check_finite, check_flag, check_positive, check_rng
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
-from cspace.limits import COMPONENT_STATE_BYTES, check_memory
+from cspace.limits import check_memory
 from cspace.map.batches import (
     Configuration,
     ConfigurationBatch,
@@ -36,7 +36,6 @@ from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.storage import (
     Map,
     PackedStates,
-    Stack,
     cells_of,
     check_bytes,
     count_states,
@@ -57,7 +56,7 @@ if TYPE_CHECKING:
     from cspace.map.distance import DistanceMap, Distances
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
-    from cspace.map.search import Costs, Guides
+    from cspace.map.search import Costs
     from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Change, Update, Updater
 
@@ -116,8 +115,8 @@ class CSpace(ConfigurationMap, MapExport):
     >>> occupied = np.zeros((80, 60), dtype=bool)
     >>> occupied[40:42, :45] = True
     >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
-    >>> space.is_free([(1.0, 1.0), (4.1, 1.0)])
-    array([ True, False])
+    >>> space.is_free([(1.0, 1.0), (4.1, 1.0)]).tolist()
+    [True, False]
     >>> space.motion_is_free((1.0, 1.0), (7.0, 1.0))
     False
     >>> space.is_connected((1.0, 1.0), (7.0, 1.0)), space.is_disconnected((1.0, 1.0), (7.0, 1.0))
@@ -416,11 +415,9 @@ class CSpace(ConfigurationMap, MapExport):
     ) -> Floats:
         """Find a path through FREE cells, proven free all along.
 
-        A path is found whenever FREE cells of the grid join the two configurations. It is deterministic. In the plane
-        it is the shortest path through FREE cells, to within 1e-5 cells for each corner (Harabor and others, JAIR
-        2016). In other spaces it is a short one: it follows a short chain of cells, which a search of coarser copies of
-        the map guides (Hart, Nilsson and Raphael 1968), and is then shortened. A radian of rotation counts as half a
-        metre.
+        A path is found whenever FREE cells of the grid join the two configurations. It is deterministic, and a short
+        one: it follows a short chain of cells (Hart, Nilsson and Raphael 1968), and is then shortened. A radian of
+        rotation counts as half a metre.
 
         Parameters
         ----------
@@ -474,26 +471,13 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
-        from cspace.map.paths import path_length
-
-        dim = self.grid.dim
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        still = not self.rotations._steps_between(*endpoints)[dim:].any()
-        if still:
+        dim = self.grid.dim
+        if not self.rotations._steps_between(*endpoints)[dim:].any():
             endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
-        if not straight:
-            return self._path_along_chain(endpoints, straight, seconds)
-        if self.edge_checker()(*endpoints[0], *endpoints[1]):
+        if straight and self.edge_checker()(*endpoints[0], *endpoints[1]):
             return endpoints
-        until, neighbors, paths = clock() + seconds, self.rotations._neighbors, []
-        if dim == 2 and still:
-            paths.append(
-                self._shortest_in_slice(endpoints, int(self._slice_of[self._cells_of(endpoints[0])[0]]), until)
-            )
-        if neighbors.size or not paths or not len(paths[0]):
-            paths.append(self._path_along_chain(endpoints, straight, until - clock()))
-        found = [path for path in paths if len(path)]
-        return min(found, key=partial(path_length, rotations=self.rotations), default=endpoints[:0])
+        return self._path_along_chain(endpoints, straight, seconds)
 
     def _exact_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path` with ``exact``.
@@ -503,7 +487,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.paths import in_time, path_length, pulled_straight
 
         endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        until, rotations, check = clock() + seconds, self.rotations, self.edge_checker(exact=True)
+        until, rotations = clock() + seconds, self.rotations
+        check = self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
             return endpoints
         through_free = endpoints[:0]
@@ -511,10 +496,10 @@ class CSpace(ConfigurationMap, MapExport):
             through_free = self._free_path(endpoints[0], endpoints[1], straight, seconds)
         max_length = path_length(through_free, rotations) if len(through_free) else math.inf
         paths = [through_free, self._path_through_mixed(endpoints, check, max_length, until)]
-        if straight:
-            checked = in_time(check, until)
-            paths = [pulled_straight(path, rotations, checked) if len(path) else path for path in paths]
         found = [path for path in paths if len(path)]
+        if straight:
+            in_time_check = in_time(check, until)
+            found = [pulled_straight(path, rotations, in_time_check) for path in found]
         return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
 
     def _path_through_mixed(
@@ -547,19 +532,17 @@ class CSpace(ConfigurationMap, MapExport):
         """Return a path along a short chain of cells.
 
         It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length of a move is
-        multiplied by the factor of its cells, and ``cost`` is that of an edge.
+        multiplied by those of its cells, and ``cost`` is that of an edge.
         """
         from cspace.map.paths import in_time, pulled_straight, waypoints
-        from cspace.map.search import GREEDY_WEIGHT, MAX_COSTED_CELLS, NO_FACTORS, SHORT_WEIGHT, Graph
+        from cspace.map.search import NO_FACTORS, find_chain
 
         dim, rotations = self.grid.dim, self.rotations
-        guides = self._guides.all(factors)
         until = clock() + seconds
-        by_cell = NO_FACTORS if factors is None else factors.reshape(-1)
-        graph = Graph.of(self._seen, self._slice_of, rotations._neighbors, self._turn_costs, by_cell)
-        weight = SHORT_WEIGHT if self.grid.size * len(rotations) <= MAX_COSTED_CELLS else GREEDY_WEIGHT
         first, last = self._cells_of(endpoints)
-        cells = graph.chain(first, last, until, greed=weight, guides=guides)
+        turns = rotations._neighbors, self._turn_costs
+        factors = NO_FACTORS if factors is None else factors
+        cells = find_chain(np.asarray(self._seen), self._slice_of, turns, first, last, until, factors=factors)
         if not len(cells):
             return np.empty((0, self.size))
         path = waypoints(self.grid, rotations, endpoints, cells)
@@ -598,33 +581,13 @@ class CSpace(ConfigurationMap, MapExport):
         found = [path for path in paths if len(path)]
         return min(found, key=lambda path: float(edge_costs(path, cost).sum()), default=endpoints[:0])
 
-    def _shortest_in_slice(self, endpoints: Floats, number: int, until: float) -> Floats:
-        """Return the shortest path in a slice.
-
-        The slice is one of a plane map. The path is moved away from corners, so that each edge is certified. Its length
-        is 0 if there is none, or if its corners cannot be pushed far enough.
-        """
-        from cspace.map.any_angle import push_from_corners, shortest_path
-
-        grid, shape = self.grid, (self.grid.shape[0], self.grid.shape[1])
-        where = cells_of(self._seen), number * grid.size, shape
-        start, goal = (endpoints[:, :2] - grid.lower) / grid.spacing
-        path = shortest_path(*where, start, goal, until)
-        for also in (False, True):
-            if len(path):
-                points = grid.lower + grid.spacing * push_from_corners(*where, path, also)
-                points[[0, -1]] = endpoints[:, :2]
-                pushed = np.column_stack([points, np.tile(endpoints[0, 2:], (len(points), 1))])
-                if self.certify_path(pushed).all():
-                    return pushed
-        return np.empty((0, self.size))
-
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
         """Bound the length of every collision-free path between two configurations from below.
 
-        A point that is BLOCKED at all rotations is on no path, within the grid or outside. In the plane, the bound is
-        the length of the shortest path among the other points. In space, it is the largest of three such lengths, of
-        projections along each axis, extended by the difference along that axis. Rotations count nothing.
+        A point that is BLOCKED at all rotations is on no path, within the grid or outside. The bound is that of
+        :mod:`cspace.map.lower_bound`: in the plane, within 3 % and two cells of the shortest path among the other
+        points. In space, it is the largest of three such bounds, of projections along each axis, extended by the
+        difference along that axis. Rotations count nothing.
 
         Parameters
         ----------
@@ -643,15 +606,14 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If a configuration is not in the grid.
         """
-        from cspace.map.any_angle import min_length
-        from cspace.map.search import Coarse
+        from cspace.map.lower_bound import min_length
 
         grid, endpoints = self.grid, np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
-        positions = endpoints[:, : grid.dim]
-        one_group = np.zeros_like(self._slice_of)
-        lowest = Coarse(cells_of(self._seen), self._slice_of, grid.shape, one_group, 1).states[0]
+        passable = np.zeros(grid.shape, dtype=np.bool_)
+        for states in self._seen:
+            passable |= states != BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
-        return grid.spacing * min_length(lowest, is_open, *((positions - grid.lower) / grid.spacing))
+        return grid.spacing * min_length(passable, is_open, *((endpoints[:, : grid.dim] - grid.lower) / grid.spacing))
 
     def find_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
@@ -960,9 +922,8 @@ class CSpace(ConfigurationMap, MapExport):
         CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
         if change.changed:
             CSpace._free_cells.drop(self)
+            CSpace._components.drop(self)
             CSpace._distances.refresh(self)
-            for part in (CSpace._components, CSpace._guides):
-                part.refresh(self, change.states)
         CSpace._exact.refresh(self, self._problem)
 
     # ---- overlap fields ----------------------------------------------------------------------------------------------
@@ -1075,22 +1036,10 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _components(self) -> Components:
         """Connected components of the map."""
-        needed, fewer = COMPONENT_STATE_BYTES * self._seen.size, self.rotations._argument_for_fewer
-        check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
-        return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
-
-    def _components_of(self, states: Stack, exterior_open: Bools) -> Components:
-        """Label the connected components of states.
-
-        Cells are joined through the exterior of open slices too.
-        """
         from cspace.map.components import Components
 
-        return Components(states, self._slice_of, self.rotations._neighbors, exterior_open)
-
-    def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
-        """Guess whether two cells are disconnected; see the base class."""
-        return self._components.hint(cells)
+        exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
+        return Components(np.asarray(self._seen), self._slice_of, self.rotations._neighbors, exterior_open)
 
     @lazy
     def _distances(self) -> DistanceMap:
@@ -1135,13 +1084,6 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.search import turn_costs
 
         return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
-
-    @lazy
-    def _guides(self) -> Guides:
-        """Coarse copies of the map that guide searches."""
-        from cspace.map.search import Guides
-
-        return Guides(self._seen, self._slice_of, self.rotations._neighbors, self._turn_costs)
 
     @lazy
     def _point_checker(self) -> Callable[..., bool]:

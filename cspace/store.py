@@ -218,7 +218,8 @@ def read_metadata(path: StrPath) -> dict[str, Any]:
 
     Raises FileError if the file is missing or malformed.
     """
-    return dict(read_json(Path(path, ROOT_FILE), "saved map")["attributes"])
+    # The robot's mesh is a part of it, so it may be as large as a mesh.
+    return dict(read_json(Path(path, ROOT_FILE), "saved map", limit="max_bytes")["attributes"])
 
 
 def is_store(path: StrPath) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, StrPath, frozen
 from cspace.check import check_bounds, check_cells, check_finite, check_positive, check_word
-from cspace.errors import FileError, InputError, warn_user
+from cspace.errors import FileError, InputError, UnitWarning, warn_user
 from cspace.files.access import UNKNOWNS
 from cspace.grid import SLACK, Grid
 from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, check_memory
@@ -892,7 +892,8 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
         size = " m x ".join(f"{side:g}" for side in sides)
         warn_user(
             f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are probably wrong "
-            "(metres are needed): scale it, or use a smaller spacing"
+            "(metres are needed): scale it, or use a smaller spacing",
+            UnitWarning,
         )
 
 

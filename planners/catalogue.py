@@ -107,8 +107,9 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
     refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {}) if isinstance(drive, str) else {}
     reason = UNSAFE_PLANNERS.get(planner) or refused.get(planner)
     if reason:
+        problem = f"is {planner!r}" + f" and drive is {drive!r}" * (planner not in UNSAFE_PLANNERS)
         hint = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
-        raise InputError("planner", f"is {planner!r} and drive is {drive!r}", f"{planner} {reason}", hint, value=name)
+        raise InputError("planner", problem, f"{planner} {reason}", hint, value=name)
     return planner
 
 

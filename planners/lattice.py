@@ -25,7 +25,7 @@ from cspace.compiling import clock, jit, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.paths import MAX_SHORTENING_SECONDS
 from cspace.map.points import around_is_free
-from cspace.map.search import BUCKETS_PER_CELL, Costs, check_deadline
+from cspace.map.search import Costs, check_deadline
 from cspace.map.storage import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.rotations.yaw import shorter_angle
@@ -63,7 +63,10 @@ CURVE_RADII: Final = 6.0
 """Distance from the goal, in turning radii, within which estimates include the length of the curve to the goal."""
 
 QUEUE_BUCKETS: Final = 2**16
-"""Buckets of each queue (see :mod:`cspace.map.search`); costs beyond them share the last one."""
+"""Buckets of each queue; costs beyond them share the last one."""
+
+BUCKETS_PER_CELL: Final = 8
+"""Buckets of a queue per cell of cost; the order within a bucket is ignored."""
 
 NODES_PER_CLOCK_CHECK: Final = 2**12
 """Nodes expanded between two checks of the time limit."""

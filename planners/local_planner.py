@@ -16,6 +16,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
 
@@ -84,6 +85,12 @@ LENGTH_ROUNDING_SHARE: Final = 1e-12
 JOINT_CHECKING_STEP: Final = 0.01
 """Joint distance (rad, m) between states when OMPL itself checks a motion."""
 
+MIN_DIGITS: Final = 4
+"""Fewest significant digits of a printed configuration."""
+
+MAX_DIGITS: Final = 17
+"""Significant digits from which any float is read back unchanged."""
+
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
 
@@ -102,6 +109,25 @@ class Pieces(NamedTuple):
     centers: Floats
     lengths: Floats
     rotations: Floats
+
+
+class MoreGoals:
+    """Further goals of a search, found when it first asks for them.
+
+    Attributes
+    ----------
+    found : list of tuple of float
+        The goals; empty before the first call.
+    """
+
+    def __init__(self, find: Callable[[], list[Configuration]]) -> None:
+        self._find = find
+        self.found: list[Configuration] = []
+
+    def __call__(self) -> list[Configuration]:
+        """Find the goals and return them."""
+        self.found = self._find()
+        return self.found
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,6 +279,15 @@ class LocalPlanner(ABC):
         given = check_finite(goal, "goal")  # type: ignore[arg-type]  # pose goals are not numeric
         return [(self.check_endpoint(given, "goal"), given)]
 
+    def more_goals(
+        self,
+        goal: GoalLike,
+        start: Configuration,
+        seed: int | None,
+    ) -> MoreGoals | None:
+        """Return the goals that :meth:`find_goals` may leave out; None if it leaves out none."""
+        return None
+
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Name the joints that :meth:`check_endpoint` moves onto their limits.
 
@@ -270,6 +305,19 @@ class LocalPlanner(ABC):
         ``exists`` is the result of :meth:`prove_existence`.
         """
         return exists is not False
+
+    def format_configuration(self, q: ArrayLike) -> str:
+        """Format a configuration with just enough digits to type it back."""
+        given = np.asarray(q, dtype=np.float64)
+        for digits in range(MIN_DIGITS, MAX_DIGITS + 1):
+            texts = [f"{x:.{digits}g}" for x in given.tolist()]
+            if self._stands_for(np.array(texts, dtype=np.float64), given):
+                break
+        return f"({', '.join(texts)})"
+
+    @abstractmethod
+    def _stands_for(self, typed: Floats, q: Floats) -> bool:
+        """Return True if a rounded configuration gets the answers of `q`."""
 
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
@@ -402,12 +450,27 @@ class EdgesOnMap(LocalPlanner):
             return point
         raise self._make_endpoint_error(point, name, inside)
 
+    def _stands_for(self, typed: Floats, q: Floats) -> bool:
+        """Return True if a rounded configuration lies in the cell of `q`, and is as free."""
+        space, dim = self.space, self.space.grid.dim
+        try:
+            points = space.rotations._make_canonical(np.stack([typed, q]), "q")
+        except InputError:  # too few digits for a quaternion of norm 1
+            return False
+        cells = space.grid.cell_of(points[:, :dim])
+        rotation_cells = space.rotations._cells_of(points)
+        if (cells[0] != cells[1]).any() or rotation_cells[0] != rotation_cells[1]:
+            return False
+        is_free = self.straight_checker()
+        first_is_free, second_is_free = (is_free(*point, *point) for point in points.tolist())
+        return first_is_free == second_is_free
+
     def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
         """Make the error for a refused start or goal."""
         space = self.space
         state = space.classify(point)
         if not inside:
-            box = f"from {format_point(space.grid.lower)} to {format_point(space.grid.upper)}"
+            box = f"from {_format_corner(space.grid.lower)} to {_format_corner(space.grid.upper)}"
             problem, rule = f"lies outside the map, which reaches {box}", "a path stays within the map"
         elif self.exact and state != BLOCKED:
             problem = "is in collision or too close to decide"
@@ -421,11 +484,12 @@ class EdgesOnMap(LocalPlanner):
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
-            hint = f"the nearest is {format_point(nearest)}"
+            hint = f"the nearest is {self.format_configuration(nearest)}"
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
             hint = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
-        return ConfigurationError(name, f"{format_point(point)} {problem}", rule, hint, value=point, nearest=nearest)
+        problem = f"{self.format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""
@@ -674,6 +738,14 @@ class JointMotions(LocalPlanner):
         # revolutions.
         return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
 
+    def _stands_for(self, typed: Floats, q: Floats) -> bool:
+        """Return True if rounded joints lie within the limits, and are as free."""
+        try:
+            are_free = np.asarray(self.space.is_free(np.stack([typed, q])))
+        except ConfigurationError:  # rounded beyond a limit
+            return False
+        return bool(are_free[0] == are_free[1])
+
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal with joints clamped and angles wrapped.
 
@@ -716,17 +788,43 @@ class JointMotions(LocalPlanner):
         lengths = self.edge_lengths(np.array(start)[np.newaxis], np.array([checked for checked, _ in goals]))
         return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
 
+    def more_goals(
+        self,
+        goal: GoalLike,
+        start: Configuration,
+        seed: int | None,
+    ) -> MoreGoals | None:
+        """Return further free configurations at poses; None if no goal is a pose."""
+        poses = [each for each in _list_alternatives(goal) if isinstance(each, PoseGoal)]
+
+        def find() -> list[Configuration]:
+            found = list[Configuration]()
+            for pose in poses:
+                with suppress(ConfigurationError):
+                    _, free = self._solve_pose(pose, "goal", start, MAX_SOLUTIONS_PER_POSE, seed)
+                    found += free
+            return found
+
+        return MoreGoals(find) if poses else None
+
+    def _solve_pose(
+        self, goal: PoseGoal, name: str, start: Configuration, count: int, seed: int | None
+    ) -> tuple[Floats, list[Configuration]]:
+        """Return configurations at a pose, the nearest first, and those that are proven free."""
+        points = self.space.arm._solve_pose(goal, name, start, count, seed or 0)
+        points = wrapped(points, self.space.periodic_axes)
+        free = points[np.asarray(self.space.is_free(points))]
+        return points, [tuple(q) for q in free.tolist()]
+
     def _goals_at_pose(
         self, goal: PoseGoal, name: str, start: Configuration, seed: int | None
     ) -> list[tuple[Configuration, ArrayLike]]:
         """Return proven free configurations at a pose, the nearest first."""
         space, contacts = self.space, Counter[tuple[str, str]]()
         for count in (MAX_GOALS_PER_POSE, MAX_SOLUTIONS_PER_POSE):
-            points = space.arm._solve_pose(goal, name, start, count, seed or 0)
-            points = wrapped(points, space.periodic_axes)
-            free = points[np.asarray(space.is_free(points))].tolist()
+            points, free = self._solve_pose(goal, name, start, count, seed)
             if free:
-                return [(tuple(q), q) for q in free[:MAX_GOALS_PER_POSE]]
+                return [(q, q) for q in free[:MAX_GOALS_PER_POSE]]
         contacts.update(space.closest(q)[:2] for q in points)
         ((link, other), number), *_ = contacts.most_common(1)
         problem = (
@@ -968,9 +1066,9 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
     return radius
 
 
-def format_point(point: Iterable[float]) -> str:
-    """Format a configuration for a message."""
-    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
+def _format_corner(corner: Iterable[float]) -> str:
+    """Format a corner of a map for a message."""
+    return "(" + ", ".join(f"{x:.6g}" for x in corner) + ")"
 
 
 def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:

@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import FREE, Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, Bools, Floats, Ints
 from cspace.compiling import clock
-from cspace.map.search import open_chain
+from cspace.map.search import EXACT_WEIGHT, find_chain, turn_costs
 from planners.local_planner import EdgesOnMap, Endpoints
 
 DRAWS_PER_CELL: Final = 2000
@@ -30,8 +30,8 @@ DRAWS_PER_CLOCK_CHECK: Final = 200
 APPROACH_CELLS: Final = 4
 """Number of FREE cells before and after a passage that samples cross too, so that the robot can line up."""
 
-CHAIN_CELLS_PER_SECOND: Final = 1e7
-"""Approximate number of cells that a search for a chain visits in a second."""
+MIXED_COST: Final = 1e3
+"""Cost of entering a MIXED cell, in cells, so that chains enter the fewest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +50,11 @@ class Passages:
         space, ends = self.edges.space, np.array(endpoints[:2])
         first, last = np.column_stack([space.rotations._cells_of(ends), space.grid.cell_of(ends[:, : space.grid.dim])])
         closed = np.zeros((len(space.rotations), *space.grid.shape), dtype=np.bool_)
-        seconds = closed.size / CHAIN_CELLS_PER_SECOND  # a search for a chain cannot be interrupted
-        while clock() + seconds < self.until:
-            began = clock()
-            chain = open_chain(space._kernel_map, space.rotations._neighbors, first, last, closed)
-            seconds = max(seconds, clock() - began)
+        while clock() < self.until:
+            try:
+                chain = self._find_chain(first, last, closed)
+            except TimeoutError:
+                break
             if len(chain):
                 path = self._follow(chain, ends, closed)
                 if len(path):
@@ -64,6 +64,16 @@ class Passages:
             else:
                 closed[...] = False  # new samples may cross a cell that earlier ones did not
         return ends[:0]
+
+    def _find_chain(self, first: Ints, last: Ints, closed: Bools) -> Ints:
+        """Find a chain of cells with the fewest MIXED ones, without the ``closed`` cells."""
+        space = self.edges.space
+        rotations, grid = space.rotations, space.grid
+        states = np.where(closed, np.uint8(BLOCKED), np.asarray(space._seen)[space.slice_of])
+        turns = rotations._neighbors, turn_costs(rotations, grid.dim, grid.spacing)
+        slice_of = np.arange(len(rotations))
+        ends = first, last, self.until
+        return find_chain(states, slice_of, turns, *ends, weight=EXACT_WEIGHT, mixed_cost=MIXED_COST, by_sides=True)
 
     def _follow(self, chain: Ints, ends: Floats, closed: Bools) -> Floats:
         """Find a path along a chain, shape (n, 1 + d).

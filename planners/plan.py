@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.space import ArmSpace
-from cspace.arrays import Floats
+from cspace.arrays import MIXED, Floats
 from cspace.check import check_count, check_flag, check_positive
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace, TileSubproblem
@@ -41,7 +41,6 @@ from planners.local_planner import (
     Endpoints,
     GoalLike,
     LocalPlanner,
-    format_point,
     local_planner,
 )
 from planners.objectives import (
@@ -50,7 +49,6 @@ from planners.objectives import (
     WeightedLength,
     edges_on_map,
     find_clear_path,
-    overlap_field,
 )
 from planners.passages import Passages
 from planners.result import Plan, Times
@@ -70,6 +68,9 @@ FIRST_SLOT_SHARE: Final = 0.1
 MAX_SKIPPED_WAYPOINTS: Final = 32
 """Number of next waypoints that an edge of a path through tiles may lead to."""
 
+MAX_SAMPLES_BETWEEN: Final = 256
+"""Largest number of positions along an axis at which a failed search looks for MIXED cells."""
+
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan without a search, because every path would follow such a chain."""
 
@@ -77,6 +78,12 @@ CLEARANCE: Final = "clearance"
 
 NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
 """What planners with threads must not do: it would wait for the first thread for ever."""
+
+_WHY_ONE_GOAL: Final = {
+    **dict.fromkeys(THREADED_PLANNERS, NO_SECOND_THREAD),
+    "BFMT": "of OMPL 2.0.1 may end the process if it has several",
+}
+"""Planners that take one goal, with the reason."""
 
 _OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     CLEARANCE: ClearanceObjective,
@@ -181,9 +188,10 @@ def plan(
 
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
     planner and sampler made afterwards draws its own seed, and the random starts of poses. So the same call with the
-    same seed gives the same path, in any process and after any other plans. Searches that the clock ends are an
-    exception: give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search in a
-    second thread, and OMPL used by other threads at the same time.
+    same seed gives the same path, in any process and after any other plans. Searches that the
+    clock ends, or to which it adds configurations at a pose, are an exception: give ``iterations``
+    to planners that use up the time limit. So are PRM and PRMstar, which search in a second thread,
+    and OMPL used by other threads at the same time.
 
     Parameters
     ----------
@@ -193,7 +201,9 @@ def plan(
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
         also be a :class:`cspace.PoseGoal`, or several goals: configurations, shape (n, size), or a list with pose
         goals. Goals that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`.
-        PRM and PRMstar take one configuration.
+        BFMT, PRM and PRMstar take one configuration. A pose becomes at most 16 configurations of
+        :meth:`cspace.Arm.inverse`. If the search takes long, the free ones of 128 join, except with
+        FMT. These are not all configurations at the pose, so "no path found" proves nothing.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search. The
         default is "Grid" or "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
@@ -221,10 +231,11 @@ def plan(
     seed : int, optional
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance", "overlap"} or callable
-        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, by "Grid" if no
-        planner is named and the robot is holonomic. "overlap" is :class:`planners.OverlapObjective` with the field that
-        the map carries. A callable takes the space information and returns an ``ompl.base.OptimizationObjective``. The
-        length counts a radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
+        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
+        by "Grid" if no planner is named; the robot must then be holonomic. "overlap" is
+        :class:`planners.OverlapObjective` with the field that the map carries. A callable takes the
+        space information and returns an ``ompl.base.OptimizationObjective``. The length counts a
+        radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
 
         Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar. FMT and BFMT take them
         with a time limit of many seconds, because they compute the cost between all pairs of near samples. Each of
@@ -283,10 +294,7 @@ def plan(
     name = planner_named(planner, drive)
     edges = local_planner(space, exact, drive, turning_radius)
     if planner is None:
-        # OMPL's default planner ignores objectives, but the map's own search weighs clearance.
-        by_grid = objective == CLEARANCE and isinstance(edges, EdgesOnMap) and edges.drive == HOLONOMIC
-        name = GRID if by_grid and iterations is None and not exact else name
-        name = BIRRT if BIRRT in edges.built_in_searches else name
+        name = _choose_planner(edges, objective, iterations)
     if planner is not None and name not in BUILT_IN_SEARCHES:
         make_bounded_states(edges)  # refuses spaces that are too small for OMPL
     check_flag(simplify, "simplify")
@@ -300,9 +308,12 @@ def plan(
     limit = check_positive(time_limit, "time_limit", "seconds")
     checked = edges.check_endpoint(start, "start")
     goals, given_goals = zip(*edges.find_goals(goal, checked, search.seed), strict=True)
-    if len(goals) > 1 and name in THREADED_PLANNERS:
-        problem, rule = f"has {len(goals)} configurations and planner is {name!r}", f"{name} {NO_SECOND_THREAD}"
-        raise InputError("goal", problem, rule, "pass one configuration or choose another planner", value=goal)
+    if name not in _WHY_ONE_GOAL:
+        search = replace(search, more_goals=edges.more_goals(goal, checked, search.seed))
+    elif len(goals) > 1:
+        problem = f"has {len(goals)} configurations and planner is {name!r}"
+        hint = "pass one configuration or choose another planner"
+        raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
     task = _Task(edges, (checked, *goals), given_goals, search, objective, limit, planner is not None)
     if name in BUILT_IN_SEARCHES:
         _check_built_in_search(task)
@@ -311,7 +322,43 @@ def plan(
     if exists or task.edges.exact:
         task = _prefer_built_in(task)
     result = _search_tile_by_tile(task, subproblems, exists)
+    if search.more_goals is not None:
+        found = search.more_goals.found
+        all_goals = (*task.given_goals, *found)
+        task = replace(task, endpoints=(*task.endpoints, *found), given_goals=all_goals)
     return _make_plan(task, start, result, exists, began)
+
+
+def _choose_planner(
+    edges: LocalPlanner,
+    objective: str | MakeObjective,
+    iterations: int | None,
+) -> str:
+    """Choose the planner of a plan that names none.
+
+    Raises InputError if none that is chosen by default minimises the objective.
+    """
+    name = BIRRT if BIRRT in edges.built_in_searches else planner_named(None, edges.drive)
+    is_known = isinstance(objective, str) and objective in _OBJECTIVES
+    is_for_map = is_known and isinstance(edges, EdgesOnMap)
+    if not is_for_map and not callable(objective):  # the length, or an error for later
+        return name
+    given = "a function" if callable(objective) else repr(objective)
+    problem = f"is {given} and no planner is named"
+    rule = "the default planners minimise the length"
+    if objective == CLEARANCE:
+        # OMPL's default planner ignores objectives, but the map's own search weighs clearance.
+        if edges.drive != HOLONOMIC:
+            conflict, rule = f"drive is {edges.drive!r}", "it is for holonomic robots"
+        elif edges.exact:
+            conflict, rule = "exact is True", "it is for FREE cells"
+        elif iterations is not None:
+            conflict, rule = f"iterations is {iterations!r}", "there are no iterations"
+        else:
+            return GRID
+        problem, rule = f"is {objective!r} and {conflict}", f"without a planner, {rule}"
+    hint = "name a planner that optimises: planner='RRTstar'"
+    raise InputError("objective", problem, rule, hint, value=objective)
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,24 +384,30 @@ def _check_built_in_search(task: _Task) -> None:
     if (name == BIRRT) != (BIRRT in edges.built_in_searches):
         rule, hint = f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps", "leave planner out"
         raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
-    keeps_away = name == GRID and task.objective == CLEARANCE
-    decides_mixed = name == GRID and not keeps_away
-    options = {
-        "objective": None if keeps_away else task.objective,
-        "exact": edges.exact and name != BIRRT and edges.drive == HOLONOMIC and not decides_mixed,
-        "drive": edges.drive,
-        "iterations": None if name == BIRRT else task.search.iterations,
-    }
-    if name == LATTICE and options.pop("drive") == HOLONOMIC:
+    if name == LATTICE and edges.drive == HOLONOMIC:
         problem, rule = f"is {name!r} and drive is {edges.drive!r}", f"{name} is for all other drives"
         raise InputError("planner", problem, rule, "use planner='Grid', or pass drive='differential'", value=name)
-    for option, value in options.items():
-        if value not in (None, False, "length", HOLONOMIC):
+    keeps_away = name == GRID and task.objective == CLEARANCE
+    decides_mixed = name == BIRRT or (name == GRID and not keeps_away)
+    refused: dict[str, object] = {
+        "objective": task.objective if task.objective != "length" and not keeps_away else None,
+        "exact": True if edges.exact and edges.drive == HOLONOMIC and not decides_mixed else None,
+        "drive": edges.drive if edges.drive != HOLONOMIC and name != LATTICE else None,
+        "iterations": task.search.iterations if name != BIRRT else None,
+    }
+    minimised = "length or clearance" if name == GRID else "the length"
+    rules = {
+        "objective": f"{name} minimises {minimised}",
+        "exact": f"{name} uses FREE cells" + f" for objective={CLEARANCE!r}" * keeps_away,
+        "drive": f"{name} is for holonomic robots",
+        "iterations": f"{name} counts none",
+    }
+    other = planner_named(None, edges.drive) if task.objective == "length" else "RRTstar"
+    for option, value in refused.items():
+        if value is not None:
             problem = f"is {value!r} and planner is {name!r}"
-            what = "holonomic straight edges" if name == GRID else "FREE cells"
-            objectives = "'length' or 'clearance'" if name == GRID else "'length'"
-            rule = f"{name} supports only {what} and objective={objectives}"
-            raise InputError(option, problem, rule, f"leave {option} out, or use planner='RRTConnect'", value=value)
+            hint = f"leave {option} out, or use planner={other!r}"
+            raise InputError(option, problem, rules[option], hint, value=value)
     if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
         rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r} and the map is in a store", rule, hint, value=name)
@@ -386,8 +439,10 @@ def _make_objective(
         rule = f"it must be 'length', {', '.join(map(repr, _OBJECTIVES))}, or a function that makes OMPL's objective"
         raise InputError("objective", f"is {objective!r}", rule, "choose one of them", value=objective)
     cells = edges_on_map(space, drive, radius).space if kind is not None else None
-    if cells is not None and kind is OverlapObjective:
-        overlap_field(cells)
+    if cells is not None and kind is OverlapObjective and cells.overlap_field is None:
+        rule = "it needs an overlap field, but the map carries none"
+        hint = "plan on space.with_overlap_field(overlap)"
+        raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
     if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
         without = planner in PLANNERS_WITHOUT_OBJECTIVE
         rule = f"{planner} {'ignores objectives' if without else NO_SECOND_THREAD}"
@@ -436,8 +491,8 @@ def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exi
         waypoints = edges.breakpoints(result.path)
         result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if not is_tiled or not result.proven:
-            where = f" from {format_point(endpoints[0])} to {format_point(endpoints[1])}" * is_tiled
-            return replace(result, where=where)
+            first_text, last_text = map(part.format_configuration, endpoints[:2])
+            return replace(result, where=f" from {first_text} to {last_text}" * is_tiled)
         path = np.concatenate([path[:-1], result.path])
     if not subproblems:
         return SearchResult(path)
@@ -504,8 +559,9 @@ def _find_path(search: Search, edges: LocalPlanner, endpoints: Endpoints, second
     straight = search.simplify
     if not isinstance(edges, EdgesOnMap):
         start, *goals = endpoints
-        iterations, find = search.iterations if straight else 0, cast(ArmSpace, edges.space).find_path
-        return find(start, goals, straight=straight, iterations=iterations, seed=search.seed, time_limit=seconds), ""
+        space, iterations = cast(ArmSpace, edges.space), search.iterations if straight else 0
+        options = straight, iterations, search.seed, seconds
+        return space._find_path(start, goals, *options, search.more_goals), ""
     if search.planner == LATTICE:
         return find_lattice_path(edges, endpoints, straight, seconds)
     if search.planner == MAX_CLEARANCE:
@@ -561,24 +617,52 @@ def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
     if not isinstance(edges, EdgesOnMap):
         return [more, "another seed", "another planner"]
     finer = "a finer spacing" + " or more rotations" * bool(edges.space.rotations.names)
+    no_exact_search = task.is_named and planner in (MAX_CLEARANCE, LATTICE)
+    exact = "planner='RRTConnect' with exact=True" if no_exact_search else "exact=True"
+    exact += "" if isinstance(edges.space, CSpace) else " on space.window(lower, upper)"
+    decide_mixed = [exact] * (edges.drive not in CURVES and not edges.exact)
     if not edges.may_join(exists):
-        exact = "planner='RRTConnect' with exact=True" if planner in (MAX_CLEARANCE, LATTICE) else "exact=True"
-        exact += "" if isinstance(edges.space, CSpace) else " on space.window(lower, upper)"
         wider = ["a workspace with wider bounds"] * (edges.space.outside == "free")
-        return [*[exact] * (edges.drive not in CURVES), finer, *wider]
+        return [*decide_mixed, finer, *wider]
     if exists is None:
         return [finer, more]
     if edges.drive != HOLONOMIC:
+        is_coarse = not edges.exact and _has_mixed_between(edges, task.endpoints)
+        resolve = [f"{finer} (MIXED cells lie between)", *decide_mixed] * is_coarse
         # More time does not help Lattice if its search ended before.
         needs_more = is_late or planner != LATTICE or task.search.fallback is not None
         other = "another planner" if needs_more else f"planner={planner_named(None, edges.drive)!r}"
-        return [*[more] * needs_more, *["a smaller turning_radius"] * (edges.drive in CURVES), other]
+        radius = ["a smaller turning_radius"] * (edges.drive in CURVES)
+        return [*resolve, *[more] * needs_more, *radius, other]
     if planner == GRID:
         return [more, "planner='RRTConnect'"]
     given = {"exact=True": edges.exact, "objective": task.objective != "length", "iterations": task.search.iterations}
     unsupported = " and ".join(option for option, is_given in given.items() if is_given)
     by_grid = f"planner='Grid'{f' without {unsupported}' if unsupported else ''}, which finds one"
     return [*[by_grid] * task.is_named, more]
+
+
+def _has_mixed_between(edges: EdgesOnMap, endpoints: Endpoints) -> bool:
+    """Return True if MIXED cells lie between start and goal, at a yaw of theirs.
+
+    The box around both is sampled, grown by the turning radius or the robot's size.
+    """
+    grid = edges.space.grid
+    positions = np.array(endpoints)[:, :2]
+    reach = edges.turning_radius or edges.space.robot.span
+    lower = np.maximum(positions.min(axis=0) - reach, grid.lower)
+    upper = np.minimum(positions.max(axis=0) + reach, grid.upper)
+    counts = np.ceil((upper - lower) / grid.spacing).astype(np.int64) + 1
+    x, y = (
+        np.linspace(low, high, min(int(n), MAX_SAMPLES_BETWEEN))
+        for low, high, n in zip(lower, upper, counts, strict=True)
+    )
+    positions = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    for q in endpoints:
+        samples = np.insert(positions, 2, q[2], axis=1)
+        if np.any(edges.space.classify(samples) == MIXED):
+            return True
+    return False
 
 
 def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:

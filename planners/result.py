@@ -276,8 +276,8 @@ class Plan:
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
         >>> plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
         >>> update = space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
-        >>> plan.certified, plan.recheck()
-        (True, array([False]))
+        >>> plan.certified, plan.recheck().tolist()
+        (True, [False])
         """
         if not self.solved:
             raise InputError("plan", "has no path", f"the search ended with: {self.status}", "plan again")
@@ -301,11 +301,12 @@ class Plan:
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""
         if not self.solved:
-            between = f"from {_point(self.start)} to {_point(self.goal)} ({', '.join(self.axes)})"
+            start, goal = self._text_of(self.start), self._text_of(self.goal)
+            between = f"from {start} to {goal} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
-        endpoints = " to ".join(map(_point, self.waypoints[[0, -1]]))
+        endpoints = " to ".join(map(self._text_of, self.waypoints[[0, -1]]))
         distance = f", {self.distance_text}" if self.distance_text else ""
         rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
         return [
@@ -314,6 +315,12 @@ class Plan:
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
         ]
+
+    def _text_of(self, q: Floats) -> str:
+        """Format a configuration so that it can be typed back."""
+        if self.space is None:
+            return f"({', '.join(map(repr, q.tolist()))})"
+        return self._edges_on(self.space).format_configuration(q)
 
     @property
     def _proof(self) -> str:
@@ -463,8 +470,8 @@ class Plan:
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
         >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
         >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
-        >>> trajectory.duration, trajectory.sample(2.0)[0]
-        (5.0, array([1.5, 1.5]))
+        >>> trajectory.duration, trajectory.sample(2.0)[0].tolist()
+        (5.0, [1.5, 1.5])
         """
         self._check_solved("a trajectory follows a path")
         rotation = {"max_angular_velocity": max_angular_velocity, "max_angular_acceleration": max_angular_acceleration}
@@ -529,11 +536,6 @@ def _plain(value: object) -> object:
     if isinstance(value, Times):
         return asdict(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _point(q: Floats) -> str:
-    """Format a configuration, shape (size,), with four digits."""
-    return f"({', '.join(f'{x:.4g}' for x in q)})"
 
 
 def _text(seconds: float) -> str:

@@ -34,10 +34,10 @@ from planners.catalogue import (
     planner_named,
 )
 from planners.lattice import shorten_path
-from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, LocalPlanner
+from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, LocalPlanner, MoreGoals
 from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, make_setup
-from planners.states import below_half_a_turn, kind_of
+from planners.states import Configuration, below_half_a_turn, kind_of
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -53,6 +53,9 @@ MAX_INITIAL_PATHS: Final = 8
 
 INITIAL_PATHS_TIME_SHARE: Final = 0.1
 """Fraction of the time limit after which no further initial path is sought."""
+
+MORE_GOALS_SHARE: Final = 0.25
+"""Share of the time, or of the iterations, after which further goals join a search."""
 
 PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's extent."""
@@ -154,6 +157,7 @@ class Search:
     simplify: bool = True
     seed: int | None = None
     fallback: str | None = None  # planner that takes over if this one finds no path
+    more_goals: MoreGoals | None = None  # further goals, for which a search asks if it takes long
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
         """Search by OMPL for a path from start to goal.
@@ -191,6 +195,8 @@ class _Run:
         self._search, self._edges, self._endpoints, self._kind = search, edges, endpoints, kind_of(edges.space)
         self._setup = setup = make_setup(edges, None if is_threaded else search.objective)
         self._objective = objective = setup.getOptimizationObjective()
+        self._goals = ob.GoalStates(setup.getSpaceInformation())
+        self._more_goals = search.more_goals
         self._has_weights = not is_threaded and search.objective is not None
         self._has_weights &= not (isinstance(objective, WeightedLength) and objective.is_length)
         self.by_length = not self._has_weights or isinstance(objective, ob.PathLengthOptimizationObjective)
@@ -203,14 +209,13 @@ class _Run:
         """Search for a path and simplify it, within ``time_limit`` seconds."""
         setup, search, note, began = self._setup, self._search, "", clock()
         ends = self._make_path(np.array(self._endpoints))
-        if len(self._endpoints) == 2:
+        if len(self._endpoints) == 2 and search.more_goals is None:
             setup.setStartAndGoalStates(*ends.getStates())
         else:
-            goals = ob.GoalStates(setup.getSpaceInformation())
             for state in ends.getStates()[1:]:
-                goals.addState(state)
+                self._goals.addState(state)
             setup.setStartState(ends.getState(0))
-            setup.setGoal(goals)
+            setup.setGoal(self._goals)
         initial, default = None, planner_named(None, self._edges.drive)
         with Deadline(time_limit, self._refusing, self._raising) as deadline:
             if search.objective is not None and search.planner not in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
@@ -250,11 +255,30 @@ class _Run:
                 return status
 
     def _make_termination(self, seconds: float) -> ob.PlannerTerminationCondition:
-        """Create OMPL's termination condition, by seconds or iterations."""
-        if self._search.iterations is None:
+        """Create OMPL's termination condition, by seconds or iterations.
+
+        It also adds the further goals, if the search takes long.
+        """
+        iterations = self._search.iterations
+        if iterations is None and self._more_goals is None:
             return ob.timedPlannerTerminationCondition(seconds)
-        checks, max_checks, end = itertools.count(1), self._search.iterations, clock() + seconds
-        return ob.PlannerTerminationCondition(lambda: next(checks) > max_checks or clock() > end)
+        begin, checks = clock(), itertools.count(1)
+
+        def is_over() -> bool:
+            elapsed = clock() - begin
+            used, most = (elapsed, seconds) if iterations is None else (next(checks), iterations)
+            if self._more_goals is not None and used > MORE_GOALS_SHARE * most:
+                self._add_goals(self._more_goals())
+                self._more_goals = None
+            return used > most or elapsed > seconds
+
+        return ob.PlannerTerminationCondition(is_over)
+
+    def _add_goals(self, goals: Sequence[Configuration]) -> None:
+        """Add goals during a search."""
+        for state in self._make_path(np.array(goals)).getStates():
+            self._goals.addState(state)
+        self._endpoints = (*self._endpoints, *goals)
 
     def _find_initial_path(self, planner: str, deadline: Deadline) -> og.PathGeometric | None:
         """Find the cheapest of a few paths, and improve it.

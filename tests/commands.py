@@ -10,11 +10,18 @@ from typer.main import get_command
 from cspace.cli import app
 
 testing._get_command = cache(get_command)  # otherwise each run builds all commands again
+COMMANDS: dict[str, Any] = testing._get_command(app).commands
+"""Commands of the command line by their names."""
 
 
 def run(*arguments: object) -> Any:
     """Run the command line in this process."""
     return testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def flatten(text: str) -> str:
+    """Return a text in one line, because the layout of help depends on typer."""
+    return " ".join(text.split())
 
 
 def document(*arguments: object, warning: str = "") -> dict[str, Any]:

@@ -40,6 +40,7 @@ def problems(draw, size=0.25, side=(9, 7)):
     return outer, outer & part, robot
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=60)
 @given(problems(), st.sampled_from([None, None, 1, 3, 4, 6, "any way"]), exteriors, st.sampled_from([0.0, 0.03]))
 def test_states_match_the_definition(problem, rotations, outside, margin):
@@ -101,6 +102,7 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @pytest.mark.filterwarnings("ignore:the robot's mesh is")  # the mesh may lie far from its origin
 @settings(max_examples=20)
 @given(seeds, exteriors, st.sampled_from([0.0, 0.1]), st.booleans())
@@ -233,6 +235,7 @@ def test_a_quarter_turn_of_the_workspace_rotates_the_map(robot, count, seed):
     assert (cspace.build(world, robot, rotations=count).cell_states == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=12)
 @given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, exteriors)
 def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, outside):
@@ -273,6 +276,7 @@ def test_slices_built_together_equal_separate_builds(count, size):
         assert (cspace.build(workspace, robot, rotations=others).cell_states[0] == space.cell_states[k]).all()
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
 @pytest.mark.parametrize("fill", [0, 1])
 @pytest.mark.parametrize("radius", [0.03, 0.3, 30.0])

@@ -83,3 +83,39 @@ def test_every_dependency_has_a_lower_and_an_upper_bound(text: str) -> None:
     requirement = Requirement(text)
     operators = {bound.operator for bound in requirement.specifier}
     assert requirement.name == "cspace" or operators == {">=", "<"}
+
+
+# ---- pinned releases -------------------------------------------------------------------------------------------------
+
+PINS = [
+    Requirement(line)
+    for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    if not line.startswith("#")
+]
+
+
+def test_constraints_are_plain_pins() -> None:
+    """pip refuses constraints with extras, addresses or options."""
+    for pin in PINS:
+        assert not pin.extras and pin.url is None
+        assert re.fullmatch(r"==[^*,]+", str(pin.specifier)), pin
+
+
+@pytest.mark.parametrize("system", ["linux", "darwin"])
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
+def test_constraints_pin_every_dependency_within_its_bounds(python: str, system: str) -> None:
+    environment = {"python_version": python, "python_full_version": f"{python}.9", "sys_platform": system}
+    chosen = [pin for pin in PINS if pin.marker is None or pin.marker.evaluate(environment)]
+    pins = {normalize(pin.name): str(pin.specifier).removeprefix("==") for pin in chosen}
+    assert len(pins) == len(chosen)
+    for requirement in map(Requirement, REQUIREMENTS):
+        if requirement.name != "cspace":
+            assert pins[normalize(requirement.name)] in requirement.specifier, requirement
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/install.md", ".ci/run"])
+def test_commands_install_pinned_releases(page: str) -> None:
+    commands = re.findall(r"pip\"? install [^\n&]*", (ROOT / page).read_text(encoding="utf-8"))
+    ours = [command for command in commands if re.search(r"(\s|\")\.(\[|\s|$)", command)]
+    assert ours
+    assert [command for command in ours if "-c constraints.txt " not in command] == []

@@ -28,8 +28,11 @@ def space():
     (lambda space: planners.plan(space, space.robot, (9, 1)), "start is Robot(disc 0.2 m, in the plane); "),
     (lambda space: cspace.build(space.robot, space.workspace), "workspace is a Robot; it must be a Workspace; "),
     (lambda space: cspace.build(NO_OBSTACLES, space.robot), "workspace is a ndarray; it must be a Workspace; call "),
-    (lambda space: cspace.build(space.workspace, "disc:0.3"), "robot is a str; it must be a Robot; call "),
-    (lambda space: Workspace.from_array(0.1, NO_OBSTACLES), "spacing is array([[False, "),
+    (
+        lambda space: cspace.build(space.workspace, space.workspace),
+        "robot is a Workspace; it must be a Robot; call ",
+    ),
+    (lambda space: Workspace.from_array(0.1, NO_OBSTACLES), "spacing is "),
     (lambda space: Workspace.from_array(NO_OBSTACLES, (0, 0), 0.1), "spacing is (0, 0); it must be one number "),
     (lambda space: Workspace.from_points(0.1, MANY_POINTS), "spacing is [["),
     (lambda space: Workspace.from_mesh(0.1, "house.stl"), "spacing is 'house.stl'; "),
@@ -39,8 +42,8 @@ def space():
     (lambda space: Robot.from_balls([0.1, 0.2], [[0, 0], [1, 1]]), "centers has shape (2,); "),
     (lambda space: space.update((3, 3), np.ones((2, 2), bool)), "cells has shape (2,); "),
     (lambda space: space.is_free_around(0.2, (1, 1)), "distance is (1, 1); it must be one number, zero or above; "),
-    (lambda space: space.sample_free(np.random.default_rng(0), 3), "n is Generator(PCG64)"),
-    (lambda space: space.sample_free(np.random.default_rng(0)), "n is Generator(PCG64)"),
+    (lambda space: space.sample_free(np.random.default_rng(0), 3), "n is "),
+    (lambda space: space.sample_free(np.random.default_rng(0)), "n is "),
     (lambda space: cspace.open(space), "path is CSpace("),
 )
 def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):

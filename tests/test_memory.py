@@ -69,6 +69,7 @@ def test_build_refuses_too_many_yaws_at_once(tmp_path, rotations, store):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
 @pytest.mark.parametrize("kind", ["yaw", "quaternions"])
 def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, store):

@@ -54,7 +54,7 @@ def test_arrays_are_read_only_copies() -> None:
     assert workspace.inner.sum() == 0
     for array in (workspace.outer, workspace.inner):
         assert array.flags.c_contiguous
-        with pytest.raises(ValueError, match="read-only"):
+        with pytest.raises(ValueError):
             array[0, 0] = False
 
 

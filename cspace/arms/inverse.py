@@ -36,14 +36,20 @@ DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
 POLISHED_SHARE: Final = 1e-3
 """Share of the tolerance at which a solution is good enough; the last steps converge quadratically."""
 
-MIN_STARTS: Final = 32
-"""Starts tried before a search that found a configuration may end."""
+STARTS_PER_BATCH: Final = 32
+"""Starts between two looks at what they found."""
+
+MAX_VAIN_STARTS: Final = 64
+"""Starts in a row that find no further configuration, after which a search that found one ends."""
 
 MAX_STARTS: Final = 256
 """Starts after which a pose counts as out of reach."""
 
 MIN_REACH: Final = 1e-6
 """Smallest length, in metres, by which distances are divided; an arm without links has none."""
+
+MAX_GAP: Final = 1e-5
+"""Largest part of a turn, radians, that the limits of a joint may lack if it counts as a circle."""
 
 MIN_JOINT_DISTANCE: Final = 0.01
 """Largest difference of a joint between configurations that count as the same, radians or metres."""
@@ -443,35 +449,59 @@ def solve_pose(
 ) -> PoseSolutions:
     """Find configurations that bring a frame to a pose.
 
-    The first start is ``near``, shape (k,); the others are uniform within ``ranges``. Solutions are moved towards
-    ``near`` by whole turns of the joints in ``whole_turns``.
+    The first start is ``near``, shape (k,); the others are uniform within ``ranges``. Solutions are
+    moved towards ``near`` by whole turns of the joints in ``whole_turns``. The search ends after
+    :data:`MAX_VAIN_STARTS` starts in a row that find nothing new.
     """
-    count, tolerance = len(near), np.array(goal.tolerance)
-    problem = make_pose_problem(branch, tool, np.array(goal.pose, dtype=np.float64), tolerance, limits)
-    scratch = make_pose_scratch(branch)
-    starts = np.concatenate([near[np.newaxis], rng.uniform(*ranges, (MAX_STARTS - 1, count))])
-    errors, solutions, used = np.empty((MAX_STARTS, 3)), np.empty((0, count)), 0
+    tolerance, scratch = np.array(goal.tolerance), make_pose_scratch(branch)
+    # A joint that can make a whole turn stops nowhere; otherwise it would get stuck at its limits.
+    circles = whole_turns & (limits[1] - limits[0] > TWO_PI - MAX_GAP)
+    open_limits = np.where(circles, -np.inf, limits[0]), np.where(circles, np.inf, limits[1])
+    problem = make_pose_problem(branch, tool, np.array(goal.pose), tolerance, open_limits)
+    starts = np.vstack([near, rng.uniform(*ranges, (MAX_STARTS - 1, len(near)))])
+    errors, solutions = np.empty((MAX_STARTS, 3)), np.empty((0, len(near)))
 
-    def add_solutions(solutions: Floats, first: int) -> Floats:
-        good = (errors[first:used, :2] <= tolerance).all(axis=1)
-        return _add_distinct(solutions, _turn_towards(near, starts[first:used][good], limits, whole_turns))
+    def add_solutions(first: int, stop: int) -> Floats:
+        reached = (errors[first:stop, :2] <= tolerance).all(axis=1)
+        turned = _turn_towards(near, starts[first:stop][reached], limits, whole_turns)
+        return _add_distinct(solutions, _keep_reaching(problem, turned, limits, scratch))
 
-    first_starts = min(max(MIN_STARTS, 2 * max_solutions), MAX_STARTS)
-    while len(solutions) < max_solutions and used < (first_starts if len(solutions) else MAX_STARTS):
-        stop, wanted = (first_starts, max_solutions - len(solutions)) if used < first_starts else (MAX_STARTS, 1)
-        rows = slice(used, stop)
-        used += descend_from(problem, starts[rows], scratch, errors[rows], wanted)
-        solutions = add_solutions(solutions, rows.start)
+    used = vain = 0
+    while used < MAX_STARTS and vain < MAX_VAIN_STARTS and len(solutions) < max_solutions:
+        first, found = used, len(solutions)
+        batch = slice(first, first + STARTS_PER_BATCH)
+        wanted = max_solutions - found
+        used += descend_from(problem, starts[batch], scratch, errors[batch], wanted)
+        solutions = add_solutions(first, used)
+        is_vain = 0 < found == len(solutions)
+        vain = vain + used - first if is_vain else 0
     best = int(errors[:used, 2].argmin())
-    nearest, (distance, angle, _) = starts[best].copy(), errors[best].tolist()
+    nearest = _turn_towards(near, starts[best], limits, whole_turns)
+    distance, angle, _ = errors[best].tolist()
     if not len(solutions):
         # The pose itself may be out of reach and poses within the tolerance not; and some valleys are long.
         loose = np.where(np.isfinite(tolerance), IGNORED_SHARE * tolerance, 0.0)
         patient = problem._replace(ignored=loose, enough=tolerance, max_slow_steps=MAX_STEPS)
         starts = starts[np.argsort(errors[:, 2], kind="stable")[:RETRIED_STARTS]]
         used = descend_from(patient, starts, scratch, errors, max_solutions)
-        solutions = add_solutions(solutions, 0)
+        solutions = add_solutions(0, used)
     return PoseSolutions(solutions, nearest, distance, angle)
+
+
+def _keep_reaching(
+    problem: PoseProblem,
+    turned: Floats,
+    limits: tuple[Floats, Floats],
+    scratch: PoseScratch,
+) -> Floats:
+    """Return the configurations within limits, shape (n, k), that still reach the pose.
+
+    They were moved onto a limit if they lay in the gap of a circle.
+    """
+    bounded = problem._replace(lower=limits[0], upper=limits[1], enough=problem.tolerance)
+    errors = np.empty((len(turned), 3))
+    descend_from(bounded, turned, scratch, errors, len(turned) + 1)
+    return turned[(errors[:, :2] <= problem.tolerance).all(axis=1)]
 
 
 def _add_distinct(solutions: Floats, found: Floats) -> Floats:

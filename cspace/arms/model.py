@@ -300,8 +300,14 @@ class Arm:
     ) -> Floats:
         """Return configurations that bring a frame to a pose: its inverse kinematics.
 
-        Damped least squares from up to 256 starts: ``near``, then random ones. Collisions are not tested; see
-        :meth:`ArmSpace.is_free`.
+        Damped least squares from ``near``, then from random starts, until 64 starts in a row find
+        nothing new, at most 256. Collisions are not tested; see :meth:`ArmSpace.is_free`.
+
+        The result is not complete. A branch that few starts lead to may be missing. If the joints
+        can move without moving the frame, the configurations are a sample of infinitely many. If
+        several whole turns of a joint lie within its limits, only the nearest to ``near`` counts. So
+        a pose out of reach of all starts is not proven out of reach. More ``max_solutions`` and other
+        seeds find more.
 
         Parameters
         ----------
@@ -316,7 +322,8 @@ class Arm:
             Configuration that gives the values of all joints that do not move the frame. By default they are at zero,
             or at their nearest limit.
         max_solutions : int
-            Largest number of configurations. A 6-joint arm has up to 16 for each pose, a 7-joint arm infinitely many.
+            Largest number of configurations. A 6-joint arm has up to 16 for each pose, a ur5 up to
+            8, a 7-joint arm infinitely many.
         seed : int
             Seed of the random starts.
 
@@ -670,16 +677,20 @@ def _choose_joints(joints: str | Iterable[str], groups: Mapping[str, Set[str]], 
         rule = "it must be a group of the SRDF, or names of joints"
         raise InputError("joints", f"is {joints!r}", rule, "pass a list of strings", value=joints) from error
     for name in names:
-        if name not in tree:
-            rule = f"the URDF has {', '.join(tree)}"
-        elif tree[name].kind == FIXED:
-            rule = "it is fixed"
-        elif tree[name].leader != name:
-            rule = f"it mimics {tree[name].leader!r}"
-        else:
-            continue
-        raise InputError("joints", f"names {name!r}", rule, "name joints that move", value=name)
+        rule = _why_immobile(name, tree)
+        if rule:
+            raise InputError("joints", f"names {name!r}", rule, "name joints that move", value=name)
     return set(names)
+
+
+def _why_immobile(name: str, tree: Mapping[str, Joint]) -> str:
+    """Return why a joint cannot move by itself; empty if it can."""
+    if name not in tree:
+        return f"the URDF has {', '.join(tree)}"
+    if tree[name].kind == FIXED:
+        return "it is fixed"
+    leader = tree[name].leader
+    return "" if leader == name else f"it mimics {leader!r}"
 
 
 def _read_joint(joint: Any, file: str) -> Joint:
@@ -790,9 +801,8 @@ class _Assembly:
         if isinstance(values, JointValues):
             check_joint_values(values, "held_joints", self._joints)
             values = {name: values[name] for name in names if name in values}
-        if values and not names:
-            problem, hint = f"names {', '.join(map(str, values))}", "pass joints= or tip=, which say what moves"
-            raise InputError("held_joints", problem, "no joint is held", hint, value=values)
+        if isinstance(values, Mapping):
+            self._refuse_joints_not_held(values, names)
         given = check_joint_values(values, "held_joints", names)
         self._held = {name: given.get(name, _rest_value(self._joints[name])) for name in names}
         for name, value in given.items():
@@ -800,6 +810,19 @@ class _Assembly:
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
                 rule = f"its limits are {joint.lower:.12g} and {joint.upper:.12g}"
                 raise InputError("held_joints", f"has {name} at {value:.12g}", rule, "stay within them", value=value)
+
+    def _refuse_joints_not_held(self, names: Iterable[str], held: Sequence[str]) -> None:
+        """Raise InputError, with the reason, if one of the named joints is not held."""
+        for name in names:
+            if name in held:
+                continue
+            if name in self._moving:
+                rule, hint = "it moves", "pass joints= or tip= without it"
+            else:
+                rule = _why_immobile(name, self._joints)
+                rule = rule or f"it is not below the base {self._base!r}"
+                hint = f"leave it out, or name {', '.join(held)}" if held else "leave it out"
+            raise InputError("held_joints", f"names {name!r}", rule, hint, value=name)
 
     def arm(self, srdf: Srdf | None, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         """Build the arm."""

@@ -180,8 +180,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         >>> space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
         >>> space.add_obstacle("post", cspace.Robot.box((0.1, 0.1, 1.0), center=(0.8, 0.0, 0.0)))
         >>> space.add_obstacle("cloud", [(0.0, 0.6, 0.0), (0.0, 0.7, 0.1)], radius=0.01)
-        >>> space.is_free([(0.0,), (1.5708,), (3.0,)])
-        array([False, False,  True])
+        >>> space.is_free([(0.0,), (1.5708,), (3.0,)]).tolist()
+        [False, False, True]
         >>> space.remove_obstacle("post")
         >>> space.is_free((0.0,))
         True
@@ -590,6 +590,22 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If a configuration is not one of finite numbers, the time limit is not above zero, or ``iterations`` is
             negative.
         """
+        return self._find_path(q0, q1, straight, iterations, seed, time_limit)
+
+    def _find_path(
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        straight: bool,
+        iterations: int | None,
+        seed: int | None,
+        time_limit: float,
+        more_goals: Callable[[], ArrayLike] | None = None,
+    ) -> Floats:
+        """Find a path as :meth:`find_path`.
+
+        If the search does not end soon, ``more_goals`` gives further goals, shape (n, dof).
+        """
         from cspace.arms.search import PathSearch
 
         start, goals = self._check_configurations(q0, "q0"), np.atleast_2d(self._check_configurations(q1, "q1"))
@@ -610,7 +626,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         images, rng = images[free[1:]], np.random.default_rng(seed)
         ranges = snapshot.arm._ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
-        path = search.find(straight)
+        find_goals = more_goals or tuple
+
+        def find_more() -> Floats:
+            others = self._images(start, np.reshape(find_goals(), (-1, self.size)))
+            return others[are_free(snapshot.outer, others, others)]
+
+        path = search.find(straight, find_more if more_goals else None)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
 
     def follow_line(
@@ -671,8 +693,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         >>> corner = np.eye(4)
         >>> corner[:2, 3] = 0.5, 0.5
         >>> motion = space.follow_line((0.0, 0.0), "bar", corner)
-        >>> motion.certified, motion.waypoints[-1].round(3), motion.deviation < 1e-3
-        (True, array([0.5, 0.5]), True)
+        >>> motion.certified, motion.waypoints[-1].round(3).tolist(), motion.deviation < 1e-3
+        (True, [0.5, 0.5], True)
         >>> corner[1, 3] = 2.0
         >>> motion = space.follow_line((0.0, 0.0), "bar", corner)
         >>> motion.certified, round(motion.fraction, 3), motion.stopped_by

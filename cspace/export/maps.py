@@ -227,8 +227,8 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
     >>> dataset = space.to_xarray()
     >>> free = (dataset.cell_states == cspace.FREE).mean("y")
-    >>> free.sizes
-    Frozen({'rotation': 8, 'x': 30})
+    >>> dict(free.sizes)
+    {'rotation': 8, 'x': 30}
     >>> one = dataset.cell_states.isel(rotation=int(space.rotations.cell_of(0.3)))
     >>> float(one.yaw)
     0.0

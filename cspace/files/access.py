@@ -6,7 +6,9 @@ renamed.
 
 from __future__ import annotations
 
+import difflib
 import io
+import itertools
 import os
 import shutil
 import time
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints
 from cspace.errors import CspaceError, FileError, InputError
-from cspace.limits import check_bytes
+from cspace.limits import SizeLimit, check_bytes
 
 _MAX_HEADER_BYTES: Final = 2**16
 """Maximum size, in bytes, of a text header before binary data."""
@@ -38,6 +40,9 @@ _MAX_READS: Final = 1000
 _RETRY_SECONDS: Final = 0.002
 """Pause, in seconds, between two attempts to read an output that is being replaced."""
 
+_MAX_NAMES_COMPARED: Final = 10_000
+"""Maximum number of names in a folder that are compared with a misspelt one."""
+
 Result = TypeVar("Result")
 
 _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
@@ -50,19 +55,19 @@ _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a wrong line that a message quotes."""
 
 
-def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Path:
+def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes") -> Path:
     """Return `path` as a Path, if a readable plain file is there.
 
     `kind` names the expected file in messages, such as "ROS map". Reading takes `memory` bytes per byte of the file.
+    `limit` is the limit of :mod:`cspace.limits` for its size.
 
     Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not a plain file, is
     larger than :mod:`cspace.limits` allows, or is a git-lfs pointer.
     """
     file, what = inspect_path(path, kind)
     if not what:
-        raise FileError(
-            str(file), "does not exist", f"{_with_article(kind)} is needed", "check the name and the folder"
-        )
+        hint = suggest_name(file) or "check the name and the folder"
+        raise FileError(str(file), "does not exist", f"{_with_article(kind)} is needed", hint)
     if what != "file":
         raise FileError(str(file), f"is {what}", f"{_with_article(kind)} must be a plain file", "pass the file itself")
     try:
@@ -71,7 +76,7 @@ def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> 
         raise read_error(path, kind, error) from error
     if size <= _MAX_LFS_POINTER_BYTES:
         _refuse_pointer(file, kind)
-    check_bytes(file, size, memory=memory)
+    check_bytes(file, size, memory=memory, limit=limit)
     return file
 
 
@@ -106,6 +111,22 @@ def inspect_path(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
         raise name_error(path) from error
     except OSError as error:
         raise read_error(path, kind, error) from error
+
+
+def suggest_name(path: Path) -> str:
+    """Return a hint that names the most similar file beside a missing one.
+
+    The text is empty if the folder is missing or has no similar name, or if the path exists.
+    """
+    try:
+        if path.exists():
+            return ""
+        visible = (each.name for each in path.parent.iterdir() if not each.name.startswith("."))
+        names = {name.lower(): name for name in itertools.islice(visible, _MAX_NAMES_COMPARED)}
+    except (OSError, ValueError):
+        return ""
+    close = difflib.get_close_matches(path.name.lower(), names, n=1)
+    return f"did you mean {path.with_name(names[close[0]])}?" if close else ""
 
 
 def name_error(path: object) -> InputError:
@@ -170,17 +191,18 @@ def check_suffix(path: str | os.PathLike[str], known: Iterable[str], rule: str, 
         raise name_error(path) from error
     suffix = file.suffix.lower()
     if suffix not in known:
-        hint = f"use one of {', '.join(filter(None, known))}"
+        suffixes = f"use one of {', '.join(filter(None, known))}"
+        hint = " ".join(filter(None, (suggest_name(file), suffixes)))
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint, value=path)
     return suffix
 
 
-def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> bytes:
-    """Return the content of a file; `memory` as for :func:`check_file`.
+def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes") -> bytes:
+    """Return the content of a file; parameters as for :func:`check_file`.
 
     Raises InputError or FileError as :func:`check_file`, and FileError if the system refuses to read the file.
     """
-    file = check_file(path, kind, memory)
+    file = check_file(path, kind, memory, limit)
     try:
         return file.read_bytes()
     except OSError as error:
@@ -199,22 +221,25 @@ def read_member(folder: str | os.PathLike[str], name: str, kind: str) -> bytes |
         rule, hint = "files outside the folder are never read", "do not trust it; fetch it again"
         raise FileError(os.fspath(folder), f"names a file {name!r}", rule, hint)
     file = Path(folder, part)
+    if not os.path.lexists(file):
+        inspect_path(file, kind)  # refuses what no file can be named
+        return None
     try:
         return read_bytes(file, kind)
     except FileError:
         if os.path.lexists(file):
             raise
-        return None
+        return None  # another process has just removed it
 
 
-def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> str:
+def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0, limit: SizeLimit = "max_bytes") -> str:
     """Return the text of a UTF-8 file.
 
-    Every line end becomes a newline; `memory` as for :func:`check_file`.
+    Every line end becomes a newline; parameters as for :func:`check_file`.
 
     Raises InputError or FileError as :func:`read_bytes`, and FileError if the file is not UTF-8.
     """
-    content = read_bytes(path, kind, memory)
+    content = read_bytes(path, kind, memory, limit)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -80,7 +80,9 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
 
     data = read_bytes(file, _MESH_KIND, memory=4.0)
     is_binary = file.suffix.lower() == ".glb"
-    header = _parse_gltf_header(_glb_json(data) if is_binary else data)
+    text = _glb_json(data) if is_binary else data
+    check_bytes(file, len(text), "has a header of", 20.0, "max_text_bytes")
+    header = _parse_gltf_header(text)
     # A mesh may be placed several times, so the memory is checked before trimesh copies it.
     triangles = [[_count_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
     sizes = [
@@ -307,7 +309,7 @@ def read_collada(file: Path) -> Surface:
     Raises FileError if the file is truncated or malformed. Raises GeometryError if it has an unsupported surface or a
     polygon whose triangles are ambiguous.
     """
-    root = parse_xml(read_bytes(file, "mesh", memory=20.0))
+    root = parse_xml(read_bytes(file, "mesh", 20.0, "max_text_bytes"))
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":

@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 import os
 import re
+from dataclasses import dataclass
 from typing import Any, Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from cspace.files.access import ContentError, decoding, read_text
-from cspace.limits import check_file_memory
+from cspace.limits import SizeLimit, check_file_memory
 
 _MAX_LEVELS: Final = 64
 """Maximum depth of nested lists, tables and brackets."""
@@ -26,19 +27,21 @@ _MAX_XML_LEVELS: Final = 256
 _CHARACTERS_PER_BLOCK: Final = 2**22
 """Number of characters whose brackets are counted at once."""
 
-_SCALARS: Final = {
-    "null": ("~nN", r"~|null|Null|NULL|"),
-    "bool": ("tTfFyYoOnN", r"true|True|TRUE|yes|Yes|YES|on|On|ON|false|False|FALSE|no|No|NO|off|Off|OFF"),
-    "int": ("-+0123456789", r"[-+]?(0|[1-9]\d{0,17})"),
-    "float": (
-        "-+.0123456789",
-        r"[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-    ),
-}
-"""First letters and pattern of unquoted YAML words that are not text. As in JSON, a float needs no point."""
+_PLAIN_WORD: Final = re.compile(
+    r"(?P<null>(?:~|null|Null|NULL)?)"
+    r"|(?P<true>true|True|TRUE|yes|Yes|YES|on|On|ON)"
+    r"|(?P<false>false|False|FALSE|no|No|NO|off|Off|OFF)"
+    r"|(?P<integer>[-+]?(?:0|[1-9][0-9]{0,17}))"
+    r"|(?P<number>[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
+    r"|(?P<special>[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))"
+)
+"""Unquoted YAML words that are not text. As in JSON, a float needs no point."""
 
-_MEMORY_PER_YAML_BYTE: Final = 200.0
-"""Bytes of memory to load one byte of YAML. Measured: 187 for a list of one-digit numbers."""
+_MEMORY_PER_YAML_BYTE: Final = 60.0
+"""Bytes of memory to load one byte of YAML. Measured: 57 for a list of tables with one short key."""
+
+_MEMORY_PER_JSON_BYTE: Final = 20.0
+"""Bytes of memory to load one byte of JSON."""
 
 
 def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
@@ -46,67 +49,106 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
 
     `kind` names the expected file in messages.
 
-    Raises FileError if the file is missing, is not YAML, or holds more than one document or anything but plain values.
+    Raises FileError if the file is missing, is too large, is not YAML, or holds more than one document or anything but
+    plain values.
     """
-    text = read_text(path, kind, memory=_MEMORY_PER_YAML_BYTE)
+    text = read_text(path, kind, _MEMORY_PER_YAML_BYTE, "max_description_bytes")
     with decoding(path, "YAML file", f"a {kind} must be YAML", "correct that line"):
         return _load_yaml(text)
 
 
+@dataclass(slots=True)
+class _Level:
+    """An open list or table of a YAML document.
+
+    `key` is the key of the table's next value, None if a key comes next.
+    """
+
+    values: list[Any] | dict[str, Any]
+    key: str | None = None
+
+    def add(self, value: Any, event: Any) -> None:
+        """Append a value to the list, or take it as the table's next key or value.
+
+        Raises ContentError if a key is not text or is repeated.
+        """
+        if isinstance(self.values, list):
+            self.values.append(value)
+        elif self.key is not None:
+            self.values[self.key] = value
+            self.key = None
+        elif isinstance(value, str) and value not in self.values:
+            self.key = value
+        else:
+            raise _not_plain(event, f"the key {str(value)[:40]!r}, which is not text or is repeated,")
+
+
 def _load_yaml(text: str) -> Any:
-    """Load a YAML document of plain values with PyYAML.
+    """Load a YAML document of plain values.
+
+    PyYAML splits the text into events. They are joined here, because its own loader recurses, and takes ten times as
+    long for many short lists.
 
     Raises ContentError if it holds anything else.
     """
     import yaml
 
     # PyYAML is eight times faster if it was built with libyaml.
-    safe: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-    class Loader(safe):  # type: ignore[misc]
-        yaml_implicit_resolvers: dict[str | None, list[Any]] = {}  # noqa: RUF012 - ours replace those of YAML 1.1
-
-        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-            seen = set()
-            for key, _ in node.value:
-                if key.tag != "tag:yaml.org,2002:str" or key.value in seen:
-                    raise _not_plain(key, f"the key {str(key.value)[:40]!r}, which is not text or is repeated,")
-                seen.add(key.value)
-            return super().construct_mapping(node, deep)
-
-    for name, (first, form) in _SCALARS.items():
-        Loader.add_implicit_resolver(f"tag:yaml.org,2002:{name}", re.compile(rf"({form})\Z"), ["", *first])
-    # Check before loading, because the loader recurses into lists and tables.
-    level = documents = 0
-    for event in yaml.parse(text, Loader=safe):
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) or _has_tag(event):
+    loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    documents: list[Any] = []
+    levels = [_Level(documents)]
+    for event in yaml.parse(text, Loader=loader):
+        if getattr(event, "anchor", None) or getattr(event, "tag", None):
             raise _not_plain(event, "an anchor, alias or tag")
-        level += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        documents += isinstance(event, yaml.DocumentStartEvent)
-        if level > _MAX_LEVELS:
-            raise _not_plain(event, f"more than {_MAX_LEVELS} levels of lists and tables")
-    if documents > 1:
-        raise ContentError(f"holds {documents} documents", "it must hold one", "remove the others")
-    return yaml.load(text, Loader=Loader)
+        if isinstance(event, yaml.ScalarEvent):
+            is_unquoted = event.implicit[0]
+            levels[-1].add(_parse_word(event.value) if is_unquoted else event.value, event)
+        elif isinstance(event, yaml.CollectionStartEvent):
+            if len(levels) > _MAX_LEVELS:
+                raise _not_plain(event, f"more than {_MAX_LEVELS} levels of lists and tables")
+            levels.append(_Level([] if isinstance(event, yaml.SequenceStartEvent) else {}))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            values = levels.pop().values
+            levels[-1].add(values, event)
+    if len(documents) > 1:
+        raise ContentError(f"holds {len(documents)} documents", "it must hold one", "remove the others")
+    return documents[0] if documents else None
 
 
-def _has_tag(event: Any) -> bool:
-    return getattr(event, "tag", None) not in (None, "!")
+def _parse_word(word: str) -> Any:
+    """Parse an unquoted YAML word."""
+    match = _PLAIN_WORD.fullmatch(word)
+    kind = match.lastgroup if match else None
+    if kind == "null":
+        return None
+    if kind in ("true", "false"):
+        return kind == "true"
+    if kind == "integer":
+        return int(word)
+    if kind == "number":
+        return float(word)
+    return float(word.replace(".", "")) if kind == "special" else word
 
 
-def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -> Any:
+def read_json(
+    path: str | os.PathLike[str],
+    kind: str,
+    each_list: float = 0.0,
+    limit: SizeLimit = "max_text_bytes",
+) -> Any:
     """Read the value of a JSON file.
 
     `kind` names the expected file in messages. The caller needs `each_list` bytes for each list of the file,
-    besides the value itself.
+    besides the value itself. `limit` is the limit of :mod:`cspace.limits` for its size.
 
-    Raises FileError if the file is missing, is not JSON, is nested too deeply, or does not fit into memory.
+    Raises FileError if the file is missing, is too large, is not JSON, is nested too deeply, or does not fit into
+    memory.
     """
-    text = read_text(path, kind, memory=20.0)
+    text = read_text(path, kind, _MEMORY_PER_JSON_BYTE, limit)
     with decoding(path, "JSON file", f"a {kind} must be JSON", "correct that place"):
         check_nesting(text, "[{", "]}")
         lists = text.count("[")
-        check_file_memory(path, f"holds {lists:,} lists", each_list * lists + 20.0 * len(text))
+        check_file_memory(path, f"holds {lists:,} lists", each_list * lists + _MEMORY_PER_JSON_BYTE * len(text))
         return json.loads(text, parse_int=_integer)
 
 

@@ -73,7 +73,7 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
     yourdfpy = import_optional("yourdfpy", "URDF files are read with it", "urdf")
     # Silence its log, because the errors here give the same reasons.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
-    data = read_bytes(path, _URDF_KIND, memory=20.0)
+    data = read_bytes(path, _URDF_KIND, 20.0, "max_description_bytes")
     with decoding(path, _URDF_KIND):
         root = parse_xml(data)
         _check_robot(root)
@@ -376,7 +376,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
 
     Raises FileError if the file is missing or malformed.
     """
-    data = read_bytes(path, _SRDF_KIND, memory=20.0)
+    data = read_bytes(path, _SRDF_KIND, 20.0, "max_description_bytes")
     with decoding(path, _SRDF_KIND):
         root = parse_xml(data)
         if root.tag != "robot":

@@ -90,7 +90,7 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
         raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source)
     file = os.fspath(source)
     if suffix == ".wkt":
-        text = read_text(source, _POLYGONS_KIND, memory=10.0)
+        text = read_text(source, _POLYGONS_KIND, 10.0, "max_text_bytes")
         points = 1 + text.count(",")
         check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
         lines = [line for line in text.split("\n") if line.strip()]

@@ -1,13 +1,19 @@
-"""Searches over the cells of a map: shortest FREE chains, and chains with the fewest MIXED cells.
+"""Search for short chains of cells: A* over the cells of a map.
 
-A chain is a sequence of adjacent cells.
+A chain is a sequence of cells, each next to the one before. Within a slice, a chain moves from the
+center of a cell to that of a near cell, and all closed cells that the move touches are passable. At
+one position, a chain rotates between neighbouring rotation cells.
+
+The estimate of the remaining cost is the length of the shortest chain over positions that are
+passable at any rotation, and the cost of rotating to the goal's rotation cell (P. Hart, N. Nilsson
+and B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", 1968).
+
+Kernels see three axes: a map of the plane has one layer of cells along the first.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Sequence
 from functools import cache
 from itertools import product
 from typing import Final, NamedTuple
@@ -15,222 +21,237 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Bytes, Floats, Ints
-from cspace.compiling import clock, jit, kernel
-from cspace.map.storage import Cells, Map, Stack, cells_of, check_bytes, row_in, state_in
+from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
+from cspace.compiling import clock, kernel
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
 
 Costs = NDArray[np.float32]
-Position = tuple[int, int, int]
-GridCell = tuple[int, int, int, int]
-"""Rotation cell, and position along three axes."""
 
-SHORT_WEIGHT: Final = 1.1
-"""Weight of the remaining length in searches for short chains; exactly shortest chains take most of the time."""
+EXACT_WEIGHT: Final = 1.0
+"""Weight of the estimate in searches for shortest chains."""
 
-GUIDE_WEIGHT: Final = 1.05
-"""Largest weight of the remaining length in searches of guides, whose costs must be nearly the lowest."""
+SHORT_WEIGHT: Final = 1.2
+"""Weight of the estimate in searches for short chains, which expand far fewer cells."""
 
-GREEDY_WEIGHT: Final = 8.0
-"""Weight of the remaining length in searches for any chain, on maps too large to store the cost of each cell."""
+POPS_PER_CLOCK_CHECK: Final = 2**14
+"""Cells taken from the queue between two checks of the time limit, about 10 ms."""
 
-MAX_COSTED_CELLS: Final = 2**29
-"""Largest number of cells of a map for which a search stores costs, at four bytes each."""
+INITIAL_QUEUE_LENGTH: Final = 2**14
+"""Entries that the queue of a search can hold at first; the length doubles as needed."""
 
-MAX_DETOUR_CELLS: Final = 4.0
-"""Cells by which chains of a guide may exceed the shortest chain before its estimates get rough."""
-
-GUIDE_BLOCKS: Final = 2, 4
-"""Cells along each side of the blocks of the guides of a search, finest guide first."""
-
-ROTATIONS_PER_GROUP: Final = 4
-"""Number of neighboring yaw cells that the finer guide of a search merges."""
-
-INFINITE_PERIOD: Final = 2**30
-"""Period, in cells, that stands for an axis without a period."""
-
-CELLS_PER_CLOCK_CHECK: Final = 2**11
-"""Cells expanded between two checks of the time limit: half a millisecond, or up to 100 ms if all memory is new."""
-
-INITIAL_ENTRIES: Final = 4096
-"""Initial capacity of the queue of a search; it doubles as needed."""
-
-ROUNDING_SHARE: Final = 1e-6
-"""Relative difference of costs that may come from single-precision rounding."""
-
-REACHED_START, EXPANDED = 127, 128
-"""Value in ``reached_by`` of the start, and the bit of cells that were expanded."""
-
-BUCKETS_PER_CELL: Final = 8
-"""Buckets of the queue per cell of cost; the order within a bucket is ignored."""
-
-BUCKETS: Final = 4096
-"""Number of buckets. Costs beyond them share the last bucket."""
+NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
+"""Stands for cells that all cost their length."""
 
 
-WAITING_ENTRIES, LOWEST_USED_BUCKET, FIRST_FREE_ENTRY, ENTRIES_IN_USE, GOAL_COST = range(5)
-"""Indices into :attr:`Trace.state`."""
-
-
-NO_FACTORS: Final[Costs] = np.empty(0, dtype=np.float32)
-"""Factors of the plain length."""
-
-
-class Graph(NamedTuple):
-    """Cells of a map and the moves between them.
-
-    Cells are numbered rotation cell by rotation cell, along three axes. A map of the plane has one layer along x.
+class Moves(NamedTuple):
+    """Moves from a node to near nodes of its slice.
 
     Attributes
     ----------
-    cells : ndarray of uint8, shape (n,), or TwoBits
-        States of all slices in a row.
-    shape : tuple of int, length 3
-        Shape of a slice.
+    steps : ndarray of int64, shape (m, 3)
+        Offset of the node that each move leads to.
+    lengths : ndarray of float64, shape (m,)
+        Length of each move, in cells.
+    near_cells : ndarray of int64, shape (n, 3)
+        Offsets from the node to the cells that its moves may touch.
+    needed : ndarray of int64, shape (m,)
+        Bit mask of the near cells that must be passable for each move.
+    """
+
+    steps: Ints
+    lengths: Floats
+    near_cells: Ints
+    needed: Ints
+
+
+class Graph(NamedTuple):
+    """Nodes of a map and the moves between them, for kernels.
+
+    A node is a cell, or in :mod:`cspace.map.lower_bound` a corner of cells.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny, nz)
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
     neighbors : ndarray of int64, shape (rotations, n)
         Adjacent rotation cells, padded with -1.
     turns : ndarray of float64, shape (rotations, n)
         Cost of rotating to each neighbor, in cells.
-    moves : ndarray of int64, shape (m, 3)
-        Offsets to near cells, shortest first: across sides, edges and corners, and in a plane
-        also two cells along one axis and one along the other. Earlier moves reach the cells that a move touches.
-    reach : tuple of int, length 3
-        Largest offset along each axis.
-    steps, lengths : ndarray, shape (m,)
-        Change of the cell's index, and length in cells, of each move.
-    parts : ndarray of int64, shape (m,)
-        Bit mask of the moves to the cells that each move touches.
-    factors : ndarray of float32, shape (n,)
-        Factor of each cell of all slices in a row, 1 or above; empty if all are 1. The cost of a move or rotation is
-        its length, times the mean factor of the cells at its ends.
+    moves : Moves
+    mixed_cost : float
+        Cost of entering a MIXED cell, in cells; infinite if only FREE cells are passable.
+    factors : ndarray of float32, shape (slices, nx, ny, nz), or empty
+        Factor of the cost of moves in each cell.
     """
 
-    cells: Cells
-    shape: Position
+    states: States
     slice_of: Ints
     neighbors: Ints
     turns: Floats
-    moves: Ints
-    reach: Position
-    steps: Ints
-    lengths: Floats
-    parts: Ints
-    factors: Costs = NO_FACTORS
+    moves: Moves
+    mixed_cost: float
+    factors: Costs
 
-    @classmethod
-    def of(
-        cls,
-        states: Stack,
-        slice_of: Ints,
-        neighbors: Ints,
-        turns: Floats,
-        factors: Costs = NO_FACTORS,
-    ) -> Graph:
-        """Build the graph of a map from its states.
 
-        ``states`` has shape (slices, ...); the other arguments are as the attributes.
-        """
-        dim = states.ndim - 1
-        nx, ny, nz = (1,) * (3 - dim) + tuple(states.shape[1:])
-        reach = (1, 1, 1) if dim == 3 else (0, 2, 2)
-        moves, parts = _moves_within(reach)
-        steps = (moves * (ny * nz, nz, 1)).sum(axis=1)
-        cells, lengths = cells_of(states), np.linalg.norm(moves, axis=1)
-        shape = nx, ny, nz
-        return cls(cells, shape, slice_of, neighbors, turns, moves, reach, steps, lengths, parts, factors)
+class Estimate(NamedTuple):
+    """Estimate of the remaining cost: that of positions, and that of rotations, in cells.
 
-    def chain(self, start: Ints, goal: Ints, until: float, *, greed: float = 1.0, guides: Sequence[Guide] = ()) -> Ints:
-        """Find a short chain of FREE cells.
+    Attributes
+    ----------
+    weight : float
+        Factor of the estimate.
+    positions : ndarray of float32, shape (nx, ny, nz)
+    rotations : ndarray of float64, shape (rotations,)
+    """
 
-        It leads from start to goal. Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``. ``greed`` is the weight
-        of the remaining length; above 1, the search is faster and chains are longer. ``guides`` are coarser graphs,
-        finest first. At weight 1, the chain is the shortest without guides, or with one guide whose blocks are single
-        cells.
+    weight: float
+    positions: Costs
+    rotations: Floats
 
-        Returns shape (n, 1 + d), where n is 0 if no chain exists. Raises TimeoutError after ``until``, in seconds of
-        :data:`cspace.compiling.clock`.
-        """
-        shape = (len(self.slice_of), *self.shape[4 - len(start) :])
-        start_index, goal_index = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (start, goal))
-        if start_index == goal_index:
-            return start[None]
-        heuristic = self._heuristic(start, goal, guides, until, min(greed, GUIDE_WEIGHT))
-        trace = self._search(Task(start_index, goal_index, greed, 0.0, heuristic), until)
-        # The first trace counts the cells of the chain, the second writes them.
-        length = trace_back(self, trace.reached_by, start_index, goal_index, np.empty(0, dtype=np.int64))
-        indices = np.empty(length, dtype=np.int64)
-        trace_back(self, trace.reached_by, start_index, goal_index, indices)
-        return np.stack(np.unravel_index(indices, shape), axis=-1)
 
-    def _heuristic(self, start: Ints, goal: Ints, guides: Sequence[Guide], until: float, greed: float) -> Heuristic:
-        """Compute the estimate of the cost to the goal.
+class Progress(NamedTuple):
+    """State of a search, which kernels change.
 
-        The first guide is searched from the goal to the start, itself guided by the coarser ones. ``greed`` is the
-        weight of that search's remaining length. Without guides, the estimate is the distance on an empty grid.
-        """
-        rotation_costs, no_costs = self._rotation_costs(goal[0]), np.empty(0, dtype=np.float32)
-        if not guides:
-            same = np.zeros_like(rotation_costs)
-            return Heuristic(no_costs, (1, 1, 1), 1, 0.0, self.slice_of, rotation_costs, same)
-        guide, *coarser = guides
-        from_cell, to_cell = (np.array([guide.group_of[cell[0]], *(cell[1:] // guide.block)]) for cell in (goal, start))
-        shape = (len(guide.graph.slice_of), *guide.graph.shape[4 - len(start) :])
-        from_index, to_index = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (from_cell, to_cell))
-        relative = [each.relative_to(guide) for each in coarser]
-        estimate = guide.graph._heuristic(from_cell, to_cell, relative, until, greed)
-        task = Task(from_index, to_index, greed, MAX_DETOUR_CELLS, estimate)
-        costs = guide.graph._search(task, until).cost
-        min_cost = guide.block * (float(costs[to_index]) + MAX_DETOUR_CELLS)
-        rest = rotation_costs if shape[0] == 1 else np.zeros_like(rotation_costs)
-        return Heuristic(costs, guide.graph.shape, guide.block, min_cost, guide.group_of, rotation_costs, rest)
+    Attributes
+    ----------
+    cost : ndarray of float32, shape (cells,)
+        Cost of the best chain found to each reached cell, in cells.
+    previous : ndarray of int64, shape (cells,)
+        The cell before each reached cell of its best chain, plus 1; 0 for cells not reached, so
+        that a large map takes memory only where the search leads.
+    closed : ndarray of bool, shape (cells,)
+        True for cells that were expanded.
+    keys, queue : ndarray of float64 and int64, shape (n,)
+        Binary heap of cells by their expected cost.
+    length : ndarray of int64, shape (1,)
+        Number of entries of the heap.
+    """
 
-    def _search(self, task: Task, until: float) -> Trace:
-        """Expand cells until the search ends.
+    cost: Costs
+    previous: Ints
+    closed: Bools
+    keys: Floats
+    queue: Ints
+    length: Ints
 
-        The queue grows as needed. Raises TimeoutError after ``until``.
-        """
-        trace = Trace.of(len(self.slice_of) * math.prod(self.shape), task.start, task.greed >= GREEDY_WEIGHT)
-        while not expand_cells(self, task, trace):
-            check_deadline(until)
-            if trace.state[ENTRIES_IN_USE] + len(self.moves) + self.neighbors.shape[1] >= len(trace.next_entry):
-                waiting, next_entry, costs = (np.concatenate([each, each]) for each in trace[3:6])
-                trace = trace._replace(waiting=waiting, next_entry=next_entry, costs=costs)
-        return trace
 
-    def _rotation_costs(self, goal: int) -> Floats:
-        """Compute the lowest costs of rotating to ``goal``.
+def find_chain(
+    states: States,
+    slice_of: Ints,
+    rotations: tuple[Ints, Floats],
+    start: Ints,
+    goal: Ints,
+    until: float,
+    *,
+    weight: float = SHORT_WEIGHT,
+    mixed_cost: float = math.inf,
+    factors: Costs = NO_FACTORS,
+    by_sides: bool = False,
+) -> Ints:
+    """Find a short chain of passable cells from start to goal.
 
-        The costs are those from each rotation cell to ``goal``, in cells, shape (rotations,).
-        """
-        costs, previous = np.full(len(self.slice_of), np.inf), np.empty(0)
-        costs[goal] = 0.0
-        while self.neighbors.size and not np.array_equal(costs, previous):
-            previous = costs
-            neighbor_costs = np.where(self.neighbors < 0, np.inf, costs[self.neighbors] + self.turns)
-            costs = np.minimum(costs, neighbor_costs.min(axis=1))
-        return costs
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    rotations : tuple of ndarray, shape (rotations, n)
+        Adjacent rotation cells, padded with -1, and the cost of rotating to them, in cells.
+    start, goal : ndarray of int64, shape (1 + d,)
+        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
+    until : float
+        Reading of :data:`cspace.compiling.clock` at which the search ends.
+    weight : float
+        Weight of the estimated cost; at 1, the chain is a shortest one, above 1 the search is
+        faster.
+    mixed_cost : float
+        Cost of entering a MIXED cell, in cells; by default, only FREE cells are passable.
+    factors : ndarray of float32, the shape of states, optional
+        Factor, 1 or above, of the cost of moves in each cell.
+    by_sides : bool
+        Whether each cell of the chain shares a side with the next.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 1 + d)
+        Cells from start to goal; n is 0 if no chain exists.
+
+    Raises
+    ------
+    TimeoutError
+        If time runs out.
+    """
+    neighbors, turns = rotations
+    dim = states.ndim - 1
+    shape = (1,) * (3 - dim) + states.shape[1:]
+    graph = Graph(
+        states.reshape(-1, *shape),
+        slice_of,
+        neighbors,
+        turns,
+        _list_moves(_reach(dim, by_sides)),
+        mixed_cost,
+        factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
+    )
+    size = math.prod(shape)
+    start_cell = int(start[0]) * size + int(np.ravel_multi_index(tuple(start[1:]), states.shape[1:]))
+    goal_cell = int(goal[0]) * size + int(np.ravel_multi_index(tuple(goal[1:]), states.shape[1:]))
+    estimate = _estimate_cost(graph, start_cell, goal_cell, weight, until)
+    progress = search(graph, estimate, start_cell, goal_cell, until)
+    if not progress.closed[goal_cell]:
+        return np.empty((0, 1 + dim), dtype=np.int64)
+    cells = [goal_cell]
+    while cells[-1] != start_cell:
+        cells.append(int(progress.previous[cells[-1]]) - 1)
+    return np.stack(np.unravel_index(cells[::-1], (len(slice_of), *states.shape[1:])), axis=1)
+
+
+def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
+    """Return the cost of rotating to neighbouring rotation cells.
+
+    Costs are in cells, shape (rotations, n); `dim` is the dimension of the grid, and ``spacing`` is
+    in metres.
+    """
+    centers = np.column_stack([np.zeros((len(rotations), dim)), rotations.centers])
+    steps = rotations._steps_between(centers[:, None], centers[rotations._neighbors])
+    return np.asarray(METRES_PER_RADIAN / spacing * np.linalg.norm(steps, axis=-1))
+
+
+def check_deadline(until: float) -> None:
+    """Raise TimeoutError after ``until``, in seconds of :data:`cspace.compiling.clock`."""
+    if clock() > until:
+        raise TimeoutError
+
+
+def _reach(dim: int, by_sides: bool) -> tuple[int, int, int, int]:
+    """Return the largest offset of moves along each of three axes, and their largest sum."""
+    if by_sides:
+        return (0, 1, 1, 1) if dim == 2 else (1, 1, 1, 1)
+    return (0, 2, 2, 3) if dim == 2 else (1, 1, 1, 3)
 
 
 @cache
-def _moves_within(reach: Position) -> tuple[Ints, Ints]:
-    """List the moves to near cells, shortest first.
+def _list_moves(reach: tuple[int, int, int, int]) -> Moves:
+    """List the moves between centers of cells, shortest first.
 
-    ``reach`` is the largest offset along each axis. The offsets of a move have no common divisor. Returns the moves,
-    shape (m, 3), and for each a bit mask of the moves to the cells that it touches, shape (m,).
+    ``reach`` are the largest offset along each axis, and the largest sum of offsets. The offsets of
+    a move have no common divisor.
     """
-    offsets = product(*(range(-each, each + 1) for each in reach))
-    moves = sorted((each for each in offsets if math.gcd(*each) == 1), key=lambda each: sum(x * x for x in each))
-    parts = [sum(_touches(move, cell) << bit for bit, cell in enumerate(moves)) for move in moves]
-    return np.array(moves), np.array(parts)
+    *largest, largest_sum = reach
+    offsets = product(*(range(-each, each + 1) for each in largest))
+    steps = [each for each in offsets if math.gcd(*each) == 1 and sum(map(abs, each)) <= largest_sum]
+    steps.sort(key=lambda step: math.hypot(*step))
+    needed = [sum(_touches(step, cell) << bit for bit, cell in enumerate(steps)) for step in steps]
+    return Moves(np.array(steps), np.linalg.norm(steps, axis=1), np.array(steps), np.array(needed))
 
 
 def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
-    """Return True if a move touches a cell.
+    """Return True if a move between centers of cells touches a cell.
 
-    The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the cell is closed.
+    The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the
+    cell is closed.
     """
     enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the cell
     for step, offset in zip(move, cell, strict=True):
@@ -238,627 +259,207 @@ def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
             return False
         if step != 0:
             sides = (offset - 0.5) / step, (offset + 0.5) / step
-            enter, leave = max(enter, min(sides)), min(leave, max(sides))
+            enter = max(enter, min(sides))
+            leave = min(leave, max(sides))
     return enter <= leave
 
 
-class Guide(NamedTuple):
-    """A coarse graph that estimates distances to the goal.
-
-    Attributes
-    ----------
-    graph : Graph
-        Its rotation cells are groups of rotation cells of the fine graph, and its cells are blocks of cells.
-    group_of : ndarray of int64, shape (rotations,)
-        Group of each rotation cell of the fine graph.
-    block : int
-        Cells of the fine graph along each side of a block.
-    """
-
-    graph: Graph
-    group_of: Ints
-    block: int
-
-    def relative_to(self, finer: Guide) -> Guide:
-        """Return this guide for a finer guide's graph."""
-        first_members = np.unique(finer.group_of, return_index=True)[1]
-        return Guide(self.graph, self.group_of[first_members], self.block // finer.block)
-
-
-class Heuristic(NamedTuple):
-    """Estimate of the remaining cost to the goal.
-
-    Attributes
-    ----------
-    costs : ndarray of float32
-        Cost of the cells of a guide, in its own cells; zero where not computed. Empty without a guide.
-    shape : tuple of int, length 3
-        Shape of a slice of the guide.
-    block : int
-        Cells along each side of a guide's cell.
-    min_cost : float
-        Cost of the shortest chain that passes a cell whose cost was not computed.
-    group_of : ndarray of int64, shape (rotations,)
-        Rotation cell of the guide for each rotation cell.
-    rotation_costs : ndarray of float64, shape (rotations,)
-        Minimum cost of rotating from each rotation cell to the goal's.
-    rest : ndarray of float64, shape (rotations,)
-        ``rotation_costs``, or zeros if the costs of the guide contain rotations.
-    """
-
-    costs: Costs
-    shape: Position
-    block: int
-    min_cost: float
-    group_of: Ints
-    rotation_costs: Floats
-    rest: Floats
-
-
-class Task(NamedTuple):
-    """Start, goal and settings of a search.
-
-    Attributes
-    ----------
-    start, goal : int
-        Indices of cells.
-    greed : float
-        Weight of the remaining length relative to the length so far.
-    margin : float
-        Cells by which a chain may exceed the shortest chain and still be expanded.
-    heuristic : Heuristic
-    """
-
-    start: int
-    goal: int
-    greed: float
-    margin: float
-    heuristic: Heuristic
-
-
-class Trace(NamedTuple):
-    """State of a search: costs, queue, and counts.
-
-    Attributes
-    ----------
-    cost : ndarray of float32, shape (cells,)
-        Lowest cost found of a chain to each cell; empty in greedy searches. Like ``reached_by``, it takes memory only
-        where written.
-    reached_by : ndarray of uint8, shape (cells,)
-        How each cell was reached: 0 if not at all, else 1 plus the index of the move that led there, or of the rotation
-        that leads back; with the bit :data:`EXPANDED` once the cell was expanded.
-    buckets : ndarray of int64, shape (BUCKETS,)
-        First entry of each bucket of the queue; -1 if empty.
-    waiting, next_entry, costs : ndarray of int64, int64 and float64, shape (n,)
-        Cell of each entry, next entry of its bucket or of the free list, and cost at which it was queued.
-    state : ndarray of float64, shape (5,)
-        Number of waiting entries, lowest bucket, first free entry, number of entries used, and cost of the goal.
-    """
-
-    cost: Costs
-    reached_by: Bytes
-    buckets: Ints
-    waiting: Ints
-    next_entry: Ints
-    costs: Floats
-    state: Floats
-
-    @classmethod
-    def of(cls, cells: int, start: int, greedy: bool) -> Trace:
-        """Create the trace of a new search.
-
-        It has ``cells`` cells, and only the start is queued. A greedy search stores no costs.
-        """
-        cost, reached_by = np.zeros(0 if greedy else cells, dtype=np.float32), np.zeros(cells, dtype=np.uint8)
-        buckets, waiting, next_entry = (
-            np.full(BUCKETS, -1),
-            np.full(INITIAL_ENTRIES, start),
-            np.full(INITIAL_ENTRIES, -1),
-        )
-        reached_by[start], buckets[0] = REACHED_START, 0
-        return cls(
-            cost,
-            reached_by,
-            buckets,
-            waiting,
-            next_entry,
-            np.zeros(INITIAL_ENTRIES),
-            np.array([1.0, 0.0, -1.0, 1.0, np.inf]),
-        )
-
-
-def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
-    """Return the cost of rotating to neighboring rotation cells.
-
-    Costs are in cells, shape (rotations, n); `dim` is the dimension of the grid, and ``spacing`` is in metres.
-    """
-    centers = np.column_stack([np.zeros((len(rotations), dim)), rotations.centers])
-    steps = rotations._steps_between(centers[:, None], centers[rotations._neighbors])
-    return np.asarray(METRES_PER_RADIAN / spacing * np.linalg.norm(steps, axis=-1))
-
-
-class Coarse:
-    """Lowest state in each block of a map.
-
-    A block holds cells of several rotations: it has ``block`` cells along each side, and a group of rotation cells.
-
-    Parameters
-    ----------
-    cells : Cells
-        States of all slices in a row.
-    slice_of : ndarray of int64, shape (rotations,)
-        Slice of each rotation cell.
-    shape : sequence of int
-        Shape of a slice.
-    group_of : ndarray of int64, shape (rotations,)
-        Group of each rotation cell.
-    block : int
-        Cells along each side of a block.
-
-    Attributes
-    ----------
-    states : ndarray of uint8, shape (groups, ...)
-        FREE if any cell of the block is at any rotation of the group. They follow changes of the map.
-    """
-
-    def __init__(self, cells: Cells, slice_of: Ints, shape: Sequence[int], group_of: Ints, block: int) -> None:
-        self.group_of, self.block, self._cells = group_of, block, cells
-        i, j, k = (1,) * (3 - len(shape)) + tuple(shape)
-        self._shape = i, j, k
-        groups = [np.unique(slice_of[group_of == group]) for group in range(int(group_of.max()) + 1)]
-        self._first = np.cumsum([0, *map(len, groups)])
-        self._slices = np.concatenate(groups)
-        self.states = np.empty((len(groups), *(-(-n // block) for n in shape)), dtype=np.uint8)
-        self._write(np.array([0, 0, 0, *(n - 1 for n in self._shape)]))
-
-    def refresh(self, boxes: Ints) -> None:
-        """Recompute the states around changes.
-
-        ``boxes``, shape (slices, 6), has the box of changed cells of each slice: lowest and highest cell.
-        """
-        self._write(np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)]))
-
-    def lowest(self, factors: Costs) -> Costs:
-        """Return the lowest factor in each block, in a row; ``factors`` has shape (slices, ...)."""
-        rows = []
-        for first, stop in itertools.pairwise(self._first.tolist()):
-            least = factors[self._slices[first]]
-            for s in self._slices[first + 1 : stop]:
-                least = np.minimum(least, factors[s])
-            for axis, count in enumerate(factors.shape[1:]):
-                least = np.minimum.reduceat(least, range(0, count, self.block), axis=axis)
-            rows.append(least.reshape(-1))
-        return np.concatenate(rows)
-
-    def _write(self, box: Ints) -> None:
-        """Recompute the states in a box of cells.
-
-        ``box``, shape (6,), has the lowest and the highest cell.
-        """
-        layered = self.states.reshape(len(self.states), *(-(-n // self.block) for n in self._shape))
-        write_lowest(self._cells, self._shape, self._first, self._slices, self.block, box // self.block, layered)
-
-
-class Guides:
-    """Coarse copies of a map that guide searches.
-
-    They follow changes of the map.
-
-    Parameters
-    ----------
-    states : Stack
-        States by slice.
-    slice_of : ndarray of int64, shape (rotations,)
-        Slice of each rotation cell.
-    neighbors : ndarray of int64, shape (rotations, n)
-        Adjacent rotation cells, padded with -1.
-    turns : ndarray of float64, shape (rotations, n)
-        Cost of rotating to each neighbor, in cells.
-    """
-
-    def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, turns: Floats) -> None:
-        count, shape, dim = len(slice_of), states.shape[1:], states.ndim - 1
-        # Only yaws, which lie on a ring, are grouped; the coarser guide has one group.
-        order = np.arange(count)
-        is_ring = np.array_equal(neighbors, np.column_stack([order - 1, order + 1]) % count)
-        groups = count // ROTATIONS_PER_GROUP if is_ring else 1
-        group_of = order * groups // count if groups > 2 else np.zeros_like(order)
-        each = (group_of, GUIDE_BLOCKS[0]), (np.zeros_like(order), GUIDE_BLOCKS[1])
-        self._levels = [Coarse(cells_of(states), slice_of, shape, *level) for level in each]
-        self._turn, self._dim = float(turns.max(initial=0.0)) * count, dim
-
-    def refresh(self, boxes: Ints) -> None:
-        """Recompute the copies around changes.
-
-        ``boxes``, shape (slices, 6), has the box of changed cells of each slice: lowest and highest cell.
-        """
-        for level in self._levels:
-            level.refresh(boxes)
-
-    def all(self, factors: Costs | None = None) -> list[Guide]:
-        """List the guides, finest first.
-
-        With ``factors`` of cells, shape (slices, ...), the factor of a block is the lowest of its cells.
-        """
-        if factors is None:
-            return [self._guide(level, NO_FACTORS) for level in self._levels]
-        return [self._guide(level, level.lowest(factors)) for level in self._levels]
-
-    def _guide(self, level: Coarse, factors: Costs) -> Guide:
-        """Return the guide of a coarse copy."""
-        count = len(level.states)
-        order = np.arange(count)
-        neighbors = np.column_stack([order - 1, order + 1]) % count if count > 1 else np.empty((1, 0), dtype=np.int64)
-        turns = np.full(neighbors.shape, self._turn / (count * level.block))
-        graph = Graph.of(level.states, order, neighbors, turns, factors)
-        return Guide(graph, level.group_of, level.block)
-
-
-@jit
-def write_lowest(
-    cells: Cells, shape: Position, first: Ints, slices: Ints, block: int, box: Ints, lowest: Bytes
-) -> None:
-    """Write the lowest state of blocks in a box.
-
-    Group g has ``slices[first[g]:first[g + 1]]``; ``shape`` is the shape of a slice. `box`, shape (6,), has the lowest
-    and the highest block. ``lowest`` has shape (groups, x, y, z).
-    """
-    nx, ny, nz = shape
-    width = 64 // block * block
-    for group in range(len(first) - 1):
-        for x in range(box[0], box[3] + 1):
-            for y in range(box[1], box[4] + 1):
-                for k in range(box[2] * block, min((box[5] + 1) * block, nz), width):
-                    # Words have a bit for each cell of a row. A bit stays set if no row of the blocks clears it.
-                    count = min(width, nz - k)
-                    not_free = blocked = ~np.uint64(0)
-                    for s in slices[first[group] : first[group + 1]]:
-                        for i in range(x * block, min((x + 1) * block, nx)):
-                            for j in range(y * block, min((y + 1) * block, ny)):
-                                row = ((s * nx + i) * ny + j) * nz + k
-                                row_not_free, row_blocked = row_in(cells, row, count)
-                                not_free, blocked = not_free & row_not_free, blocked & row_blocked
-                        if not_free == 0:
-                            break
-                    # Each block along z has `block` bits of the words.
-                    mask = (np.uint64(1) << np.uint64(block)) - np.uint64(1)
-                    for z in range(k // block, -(-(k + count) // block)):
-                        shift = np.uint64(z * block - k)
-                        free = (~not_free >> shift) & mask
-                        passable = (~blocked >> shift) & mask
-                        lowest[group, x, y, z] = FREE if free else MIXED if passable else BLOCKED
-
-
-def check_deadline(until: float) -> None:
-    """Raise TimeoutError after ``until``.
-
-    It is in seconds of :data:`cspace.compiling.clock`.
-    """
-    if clock() > until:
-        raise TimeoutError
-
-
-@kernel
-def _split_index(graph: Graph, cell: int) -> GridCell:
-    """Split a cell's index into rotation cell and position."""
-    nx, ny, nz = graph.shape
-    # Divisions dominate the time; in the plane, or with one rotation, one division is enough.
-    rotation = cell // (nx * ny * nz) if cell >= nx * ny * nz else 0
-    cell -= rotation * nx * ny * nz
-    i = cell // (ny * nz) if cell >= ny * nz else 0
-    cell -= i * ny * nz
-    return rotation, i, cell // nz, cell % nz
-
-
-@kernel
-def _apply_move(graph: Graph, at: GridCell, move: int, sign: int) -> Position:
-    """Return the position that a move leads to.
-
-    With ``sign`` -1, return the position that it comes from; -1 along all axes means that it is outside the grid.
-    """
-    (nx, ny, nz), moves = graph.shape, graph.moves
-    i, j, k = at[1] + sign * moves[move, 0], at[2] + sign * moves[move, 1], at[3] + sign * moves[move, 2]
-    if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
-        return i, j, k
-    return -1, -1, -1
-
-
-@kernel
-def _free_moves(graph: Graph, first: int, at: GridCell) -> int:
-    """Return a bit mask of moves through FREE cells.
-
-    All cells that such a move from cell ``at`` touches are FREE. ``first`` is the index of the first cell of the slice.
-    """
-    (nx, ny, nz), (_, i, j, k), position = graph.shape, at, (at[1] * graph.shape[1] + at[2]) * graph.shape[2] + at[3]
-    (x_reach, y_reach, z_reach), free, allowed = graph.reach, 0, 0
-    # Away from the borders, the index of each cell in reach differs by a constant.
-    if x_reach <= i < nx - x_reach and y_reach <= j < ny - y_reach and z_reach <= k < nz - z_reach:
-        for move in range(len(graph.moves)):
-            free |= (state_in(graph.cells, first + position + graph.steps[move]) == FREE) << move
-    else:
-        for move in range(len(graph.moves)):
-            u, v, w = _apply_move(graph, at, move, 1)
-            if min(u, v, w) >= 0:
-                free |= (state_in(graph.cells, first + (u * ny + v) * nz + w) == FREE) << move
-    if free == (1 << len(graph.moves)) - 1:
-        return free
-    # A move is allowed if the moves to all cells that it touches lead to FREE cells.
-    for move in range(len(graph.moves)):
-        allowed |= ((free & graph.parts[move]) == graph.parts[move]) << move
-    return allowed
-
-
-@kernel
-def _empty_grid_distance(graph: Graph, a: Position, b: Position) -> float:
-    """Return the chain length between two positions without obstacles.
-
-    The chain is the shortest sequence of moves; its length is in cells.
-    """
-    i, j, k = abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2])
-    # A shortest chain has as many moves across corners as the smallest offset allows, then edges, then sides.
-    largest, smallest = max(i, j, k), min(i, j, k)
-    between = i + j + k - largest - smallest
-    if graph.reach[2] == 2:  # in the plane, where the smallest is zero
-        long_moves = min(between, largest - between)
-        straight, diagonal = largest - between - long_moves, between - long_moves
-        return straight + math.sqrt(2.0) * diagonal + math.sqrt(5.0) * long_moves
-    return largest + (math.sqrt(2.0) - 1.0) * between + (math.sqrt(3.0) - math.sqrt(2.0)) * smallest
-
-
-@kernel
-def _estimate(graph: Graph, by: Heuristic, start: Position, goal: Position, rotation: int, at: Position) -> float:
-    """Estimate the remaining cost to the goal, in cells.
-
-    ``rotation`` and ``at`` are the cell's rotation cell and position. The estimate is the cost on an empty grid, or the
-    cost of the guide's cell if that is higher.
-    """
-    remaining = _empty_grid_distance(graph, at, goal)
-    estimate = remaining + float(by.rotation_costs[rotation])
-    if len(by.costs):
-        i, j, k = at
-        if by.block > 1:
-            i, j, k = i // by.block, j // by.block, k // by.block
-        guided = by.block * by.costs[((by.group_of[rotation] * by.shape[0] + i) * by.shape[1] + j) * by.shape[2] + k]
-        # A chain through a cell that the guide did not cost is at least `min_cost` long.
-        not_costed = by.min_cost - _empty_grid_distance(graph, at, start)
-        guided = min(guided, not_costed) if guided > 0.0 or remaining < by.block else not_costed
-        estimate = max(estimate, guided + float(by.rest[rotation]))
-    return estimate
-
-
-@kernel
-def _factor_at(graph: Graph, cell: int) -> float:
-    """Return the factor of a cell of the slices."""
-    return float(graph.factors[cell])
-
-
-@kernel
-def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
-    """Expand queued cells; return True when done.
-
-    Return False if the queue is full or a clock check is due; the next call goes on from there. The heuristic never
-    overestimates (P. Hart, N. Nilsson and B. Raphael, "A formal basis for the heuristic determination of minimum cost
-    paths", 1968), except in greedy searches, which reach each cell only once.
-    """
-    # Moves are numbered first; the numbers from `straight` on are rotations to the columns of `graph.neighbors`.
-    size, straight = graph.shape[0] * graph.shape[1] * graph.shape[2], len(graph.moves)
-    cost_to, reached_by, buckets, waiting, next_entry, costs, state = trace
-    n_waiting, lowest = int(state[WAITING_ENTRIES]), int(state[LOWEST_USED_BUCKET])
-    free_entry, n_used = int(state[FIRST_FREE_ENTRY]), int(state[ENTRIES_IN_USE])
-    goal_cost = state[GOAL_COST]
-    degree, greedy = straight + graph.neighbors.shape[1], len(cost_to) == 0
-    weighs = len(graph.factors) > 0
-    # If estimates are not consistent, cells would be expanded very often again for little gain.
-    is_rough = task.greed > 1.0 or task.heuristic.block > 1
-    _, start_i, start_j, start_k = _split_index(graph, task.start % size)
-    _, goal_i, goal_j, goal_k = _split_index(graph, task.goal % size)
-    start, goal = (start_i, start_j, start_k), (goal_i, goal_j, goal_k)
-    for _ in range(CELLS_PER_CLOCK_CHECK):
-        # The queue has a circle of buckets by cost instead of a heap, so the next entry is found without comparisons
-        # (R. Dial, "Algorithm 360: Shortest-path forest with topological ordering", 1969).
-        while n_waiting > 0 and buckets[lowest % BUCKETS] < 0:
-            lowest += 1
-        if n_waiting == 0 or lowest >= BUCKETS_PER_CELL * (goal_cost + task.margin):
-            return True
-        if n_used + degree >= len(next_entry):
-            break
-        # The entry returns to the free list, so memory grows with the front only.
-        entry = buckets[lowest % BUCKETS]
-        cell, buckets[lowest % BUCKETS], next_entry[entry] = waiting[entry], next_entry[entry], free_entry
-        n_waiting, free_entry = n_waiting - 1, entry
-        # If a shorter chain to a queued cell is found, the cell is queued again and the cheaper entry comes first. So
-        # a later entry may belong to an expanded cell.
-        if reached_by[cell] & EXPANDED:
-            continue
-        reached_by[cell] |= EXPANDED
-        at, cost_here = _split_index(graph, cell), costs[entry] if greedy else float(cost_to[cell])
-        rotation, i, j, k = at
-        allowed = _free_moves(graph, graph.slice_of[rotation] * size, at)
-        factor = _factor_at(graph, graph.slice_of[rotation] * size + cell % size) if weighs else 1.0
-        for move in range(degree):
-            next_rotation, next_i, next_j, next_k, arrival = rotation, i, j, k, move
-            if move < straight:
-                if not (allowed >> move) & 1:
-                    continue
-                next_i, next_j, next_k = _apply_move(graph, at, move, 1)
-                step = graph.lengths[move]
-            else:
-                next_rotation, arrival = graph.neighbors[rotation, move - straight], straight
-                if next_rotation < 0:
-                    continue
-                step = graph.turns[rotation, move - straight]
-            position = (next_i * graph.shape[1] + next_j) * graph.shape[2] + next_k
-            next_cell = next_rotation * size + position
-            # Skip a cell that was reached as cheaply before.
-            reached = reached_by[next_cell]
-            if reached and (greedy or (is_rough and reached & EXPANDED)):
-                continue
-            if weighs:
-                step *= 0.5 * (factor + _factor_at(graph, graph.slice_of[next_rotation] * size + position))
-            cost = cost_here + step
-            if reached and cost >= cost_to[next_cell] * (1.0 - ROUNDING_SHARE):
-                continue
-            if move >= straight:
-                if state_in(graph.cells, graph.slice_of[next_rotation] * size + position) != FREE:
-                    continue
-                # Store the column in which the next rotation cell has this one as neighbor, for tracing back.
-                while graph.neighbors[next_rotation, arrival - straight] != rotation:
-                    arrival += 1
-            remaining = _estimate(graph, task.heuristic, start, goal, next_rotation, (next_i, next_j, next_k))
-            if cost + remaining >= goal_cost + task.margin:
-                continue
-            reached_by[next_cell] = arrival + 1
-            if not greedy:
-                cost_to[next_cell] = cost
-            if next_cell == task.goal:
-                goal_cost = cost
-                if greedy:
-                    return True
-            if free_entry >= 0:
-                entry, free_entry = free_entry, next_entry[free_entry]
-            else:
-                entry, n_used = n_used, n_used + 1
-            # Costs only rise, except in greedy searches, where a falling cost merely disturbs the order of buckets.
-            bucket = min(int(BUCKETS_PER_CELL * (cost + task.greed * remaining)), lowest + BUCKETS - 1)
-            waiting[entry], costs[entry], next_entry[entry] = next_cell, cost, buckets[bucket % BUCKETS]
-            buckets[bucket % BUCKETS] = entry
-            n_waiting, lowest = n_waiting + 1, min(lowest, bucket)
-    state[WAITING_ENTRIES], state[LOWEST_USED_BUCKET] = n_waiting, lowest
-    state[FIRST_FREE_ENTRY], state[ENTRIES_IN_USE], state[GOAL_COST] = free_entry, n_used, goal_cost
-    return False
-
-
-@kernel
-def trace_back(graph: Graph, reached_by: Bytes, start: int, goal: int, cells: Ints) -> int:
-    """Count and write the cells from start to goal.
-
-    ``reached_by`` is as in :class:`Trace`. Cells that do not fit into ``cells`` are not written.
-    """
-    cell, count, straight = goal, 0, len(graph.moves)
-    while reached_by[cell]:
-        count += 1
-        if count <= len(cells):
-            cells[len(cells) - count] = cell
-        if cell == start:
-            break
-        at, move = _split_index(graph, cell), int(reached_by[cell] & (EXPANDED - 1)) - 1
-        rotation, i, j, k = at
-        if move < straight:
-            i, j, k = _apply_move(graph, at, move, -1)
-        else:
-            rotation = graph.neighbors[rotation, move - straight]
-        cell = ((rotation * graph.shape[0] + i) * graph.shape[1] + j) * graph.shape[2] + k
-    return count
-
-
-FRONT_START, EXCLUDED = 254, 255
-"""Values in ``reached_by`` of :func:`trace_chain` for the start and for excluded cells."""
-
-FIRST_ROTATION_STEP = 7
-"""Number of the first step that rotates; steps 1 to 6 go down and up each axis."""
-
-
-@jit
-def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, reached_by: Bytes) -> bool:
-    """Search for a chain with the fewest MIXED cells.
-
-    No cell of the chain is BLOCKED. Cells are ``(rotation, x, y, z)``; in the plane x has a single cell. The search is
-    breadth first: it expands all reachable FREE cells before the next MIXED cells, and stores only the front.
-    ``reached_by``, shape (rotations, x, y, z), is 0 or EXCLUDED on input, and receives the step that reached each cell.
-    """
-    _, nx, ny, nz = reached_by.shape
-    size, n_neighbors = nx * ny * nz, neighbors.shape[1]
-    reached = reached_by.reshape(-1)
-    start_cell = ((start[0] * nx + start[1]) * ny + start[2]) * nz + start[3]
-    if state_in(cells, slice_of[start[0]] * size + start_cell % size) == BLOCKED:
-        return False
-    goal_cell = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
-    # Steps into FREE cells cost 0, into MIXED cells 1. MIXED cells wait in ``later``, which becomes the front when no
-    # FREE cell is left. The cost of a step depends only on the cell entered, so the first way into a cell is a cheapest
-    # one.
-    front, next_front, later = [start_cell], [start_cell], [start_cell]
-    next_front.clear()
-    later.clear()
-    reached[start_cell] = FRONT_START
-    strides = (ny * nz, nz, 1)
-    while len(front) > 0:
-        for cell in front:
-            if cell == goal_cell:
-                return True
-            rotation, position = cell // size, cell % size
-            at = (position // (ny * nz), position // nz % ny, position % nz)
-            for step in range(1, FIRST_ROTATION_STEP + n_neighbors):
-                next_rotation, next_position = rotation, position
-                if step < FIRST_ROTATION_STEP:
-                    axis, up = (step - 1) // 2, (step - 1) % 2
-                    if at[axis] == (reached_by.shape[1 + axis] - 1 if up else 0):
-                        continue
-                    next_position += strides[axis] if up else -strides[axis]
-                else:
-                    next_rotation = neighbors[rotation, step - FIRST_ROTATION_STEP]
-                    if next_rotation < 0:
-                        continue
-                next_cell = next_rotation * size + next_position
-                if reached[next_cell] != 0:
-                    continue
-                state = state_in(cells, slice_of[next_rotation] * size + next_position)
-                if state != FREE and state != MIXED:
-                    continue
-                reached[next_cell] = step
-                if step >= FIRST_ROTATION_STEP:
-                    # Store the column in which the next rotation cell has this one as neighbor, for tracing back.
-                    for column in range(n_neighbors):
-                        if neighbors[next_rotation, column] == rotation:
-                            reached[next_cell] = FIRST_ROTATION_STEP + column
-                if state == FREE:
-                    next_front.append(next_cell)
-                else:
-                    later.append(next_cell)
-        front, next_front = next_front, front
-        next_front.clear()
-        if len(front) == 0:
-            front, later = later, front
-    return False
-
-
-def open_chain(map_: Map, neighbors: Ints, start: Ints, goal: Ints, excluded: Bools | None = None) -> Ints:
-    """Find a chain with the fewest MIXED cells.
-
-    Its other cells are FREE. Each cell shares a side with the next. If a map proves neither that a path exists nor that
-    none does, look for a path along this chain, with ``exact=True``.
-
-    Parameters
-    ----------
-    neighbors : ndarray of int64, shape (rotations, n)
-        Adjacent rotation cells, padded with -1.
-    start, goal : ndarray of int64, shape (1 + d,)
-        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
-    excluded : ndarray of bool, optional
-        Cells that the chain must avoid, of the shape of all cells.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 1 + d)
-        Cells from start to goal; n is 0 if no chain exists.
-    """
-    shape, slice_of = map_.states.shape[1:], map_.slice_of
-    padding = (1,) * (3 - len(shape))  # the plane is space with one layer
-    check_bytes(len(slice_of) * math.prod(shape))
-    reached_by = np.zeros((len(slice_of), *padding, *shape), dtype=np.uint8)
-    if excluded is not None:
-        reached_by[excluded.reshape(reached_by.shape)] = EXCLUDED
-    start_cell, goal_cell = (
-        np.array([cell[0], *[0] * len(padding), *cell[1:]], dtype=np.int64) for cell in (start, goal)
+def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: float) -> Estimate:
+    """Compute the estimate of the cost from each cell to the goal."""
+    shape = graph.states.shape[1:]
+    size = math.prod(shape)
+    goal_rotation, goal_position = divmod(goal, size)
+    if len(graph.slice_of) == 1:
+        axes = np.ogrid[tuple(slice(n) for n in shape)]
+        at_goal = np.unravel_index(goal_position, shape)
+        squares = sum((axis - at) ** 2 for axis, at in zip(axes, at_goal, strict=True))
+        return Estimate(weight, np.sqrt(squares, dtype=np.float32), np.zeros(1))
+    rotation_costs = _rotation_costs(graph, goal_rotation)
+    lowest = graph.states.min(axis=0, keepdims=True)
+    factors = graph.factors.min(axis=0, keepdims=True) if graph.factors.size else NO_FACTORS
+    positions = graph._replace(
+        states=lowest,
+        slice_of=np.zeros(1, dtype=np.int64),
+        neighbors=graph.neighbors[:1, :0],
+        turns=graph.turns[:1, :0],
+        factors=factors,
     )
-    if not trace_chain(map_.cells, slice_of, neighbors, start_cell, goal_cell, reached_by):
-        return np.empty((0, 1 + len(shape)), dtype=np.int64)
-    # Undo the step that reached each cell, from the goal back to the start.
-    cell, cells = goal_cell.tolist(), [goal_cell.tolist()]
-    while (step := int(reached_by[tuple(cell)])) != FRONT_START:
-        if step < FIRST_ROTATION_STEP:
-            cell[1 + (step - 1) // 2] -= 2 * ((step - 1) % 2) - 1
-        else:
-            cell[0] = int(neighbors[cell[0], step - FIRST_ROTATION_STEP])
-        cells.append(cell.copy())
-    rows = np.array(cells[::-1], dtype=np.int64)
-    return np.delete(rows, 1, axis=1) if padding else rows
+    nothing = Estimate(0.0, np.zeros(shape, dtype=np.float32), np.zeros(1))
+    reached = search(positions, nothing, goal_position, start % size, until)
+    # Positions that were not expanded are at least as far away as the start.
+    farthest = reached.cost[reached.closed].max()
+    costs = np.where(reached.closed, reached.cost, farthest)
+    return Estimate(weight, costs.reshape(shape), rotation_costs)
+
+
+def _rotation_costs(graph: Graph, goal: int) -> Floats:
+    """Compute the lowest cost of rotating from each rotation cell to ``goal``, in cells."""
+    costs, previous = np.full(len(graph.slice_of), np.inf), np.empty(0)
+    costs[goal] = 0.0
+    while not np.array_equal(costs, previous):
+        previous = costs
+        of_neighbors = np.where(graph.neighbors < 0, np.inf, costs[graph.neighbors] + graph.turns)
+        costs = np.minimum(costs, of_neighbors.min(axis=1))
+    return costs
+
+
+def search(
+    graph: Graph,
+    estimate: Estimate,
+    start: int,
+    goal: int,
+    until: float,
+    excluded: Bools | None = None,
+) -> Progress:
+    """Expand nodes from ``start`` on until ``goal`` is reached or no node is left.
+
+    ``excluded``, shape (nodes,), are nodes that no chain may pass. Raises TimeoutError after
+    ``until``.
+    """
+    n_cells = len(graph.slice_of) * estimate.positions.size
+    length = INITIAL_QUEUE_LENGTH
+    progress = Progress(
+        np.zeros(n_cells, dtype=np.float32),
+        np.zeros(n_cells, dtype=np.int64),
+        np.zeros(n_cells, dtype=np.bool_) if excluded is None else excluded,
+        np.empty(length),
+        np.empty(length, dtype=np.int64),
+        np.ones(1, dtype=np.int64),
+    )
+    progress.previous[start] = start + 1
+    progress.keys[0], progress.queue[0] = 0.0, start
+    degree = len(graph.moves.steps) + graph.neighbors.shape[1]
+    while not expand_cells(graph, estimate, progress, goal):
+        check_deadline(until)
+        if progress.length[0] + degree >= len(progress.queue):
+            keys, queue = (np.concatenate([part, np.empty_like(part)]) for part in progress[3:5])
+            progress = progress._replace(keys=keys, queue=queue)
+    return progress
+
+
+@kernel
+def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> bool:
+    """Expand queued nodes; return True if the goal was expanded or no node is left.
+
+    Return False after many cells, or if the queue is nearly full; the next call goes on.
+    """
+    nx, ny, nz = estimate.positions.shape
+    steps, near_cells = graph.moves.steps, graph.moves.near_cells
+    n_moves, n_neighbors = steps.shape[0], graph.neighbors.shape[1]
+    for _ in range(POPS_PER_CLOCK_CHECK):
+        if progress.length[0] == 0:
+            return True
+        if progress.length[0] + n_moves + n_neighbors >= progress.keys.shape[0]:
+            return False
+        cell = pop_first(progress)
+        if progress.closed[cell]:
+            continue
+        progress.closed[cell] = True
+        if cell == goal:
+            return True
+        k = cell % nz
+        j = cell // nz % ny
+        i = cell // (nz * ny) % nx
+        rotation = cell // (nz * ny * nx)
+        here = graph.slice_of[rotation]
+        passable = 0
+        for near in range(near_cells.shape[0]):
+            u, v, w = i + near_cells[near, 0], j + near_cells[near, 1], k + near_cells[near, 2]
+            passable |= is_passable(graph, here, u, v, w) << near
+        for move in range(n_moves):
+            needed = graph.moves.needed[move]
+            if passable & needed == needed:
+                u, v, w = i + steps[move, 0], j + steps[move, 1], k + steps[move, 2]
+                cost = step_cost(graph, graph.moves.lengths[move], here, i, j, k, here, u, v, w)
+                reach_cell(estimate, progress, cell, rotation, u, v, w, cost)
+        for column in range(n_neighbors):
+            other = graph.neighbors[rotation, column]
+            if other >= 0 and is_passable(graph, graph.slice_of[other], i, j, k):
+                there, turn = graph.slice_of[other], graph.turns[rotation, column]
+                cost = step_cost(graph, turn, here, i, j, k, there, i, j, k)
+                reach_cell(estimate, progress, cell, other, i, j, k, cost)
+    return False
+
+
+@kernel
+def is_passable(graph: Graph, number: int, i: int, j: int, k: int) -> bool:
+    """Return True if a chain may pass a cell of a slice; outside the grid it may not."""
+    _, nx, ny, nz = graph.states.shape
+    if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+        return False
+    state = graph.states[number, i, j, k]
+    return state == FREE or (state == MIXED and graph.mixed_cost < math.inf)
+
+
+@kernel
+def step_cost(
+    graph: Graph, length: float, here: int, i: int, j: int, k: int, there: int, u: int, v: int, w: int
+) -> float:
+    """Return the cost of a step from cell (i, j, k) of a slice to (u, v, w) of another."""
+    cost = length
+    if graph.factors.shape[0] > 0:
+        cost *= 0.5 * (graph.factors[here, i, j, k] + graph.factors[there, u, v, w])
+    if graph.mixed_cost < math.inf and graph.states[there, u, v, w] == MIXED:
+        cost += graph.mixed_cost
+    return cost
+
+
+@kernel
+def reach_cell(
+    estimate: Estimate,
+    progress: Progress,
+    cell: int,
+    rotation: int,
+    u: int,
+    v: int,
+    w: int,
+    step: float,
+) -> None:
+    """Record a step of a cost from a cell to (u, v, w) at a rotation, if its chain is the best."""
+    nx, ny, nz = estimate.positions.shape
+    reached = ((rotation * nx + u) * ny + v) * nz + w
+    cost = progress.cost[cell] + step
+    if progress.closed[reached]:
+        return
+    if progress.previous[reached] == 0 or np.float32(cost) < progress.cost[reached]:
+        progress.cost[reached] = cost
+        progress.previous[reached] = cell + 1
+        remaining = estimate.positions[u, v, w] + estimate.rotations[rotation]
+        push(progress, cost + estimate.weight * remaining, reached)
+
+
+@kernel
+def push(progress: Progress, key: float, cell: int) -> None:
+    """Add a cell to the heap."""
+    keys, queue = progress.keys, progress.queue
+    at = progress.length[0]
+    progress.length[0] += 1
+    while at > 0 and keys[(at - 1) // 2] > key:
+        keys[at] = keys[(at - 1) // 2]
+        queue[at] = queue[(at - 1) // 2]
+        at = (at - 1) // 2
+    keys[at] = key
+    queue[at] = cell
+
+
+@kernel
+def pop_first(progress: Progress) -> int:
+    """Remove the cell of the lowest key from the heap, and return it."""
+    keys, queue = progress.keys, progress.queue
+    first: int = queue[0]
+    progress.length[0] -= 1
+    count = progress.length[0]
+    # The last entry sinks from the root.
+    key, cell = keys[count], queue[count]
+    at, child = 0, 1
+    while child < count:
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[at] = keys[child]
+        queue[at] = queue[child]
+        at, child = child, 2 * child + 1
+    keys[at] = key
+    queue[at] = cell
+    return first

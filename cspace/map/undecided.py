@@ -13,7 +13,7 @@ from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.compiling import clock
 from cspace.grid import Grid
 from cspace.map.paths import path_length, waypoints
-from cspace.map.search import SHORT_WEIGHT, Graph, Guides
+from cspace.map.search import find_chain
 from cspace.rotations import Rotations
 
 MAX_CHAIN_EXCESS: Final = 1.15
@@ -38,7 +38,7 @@ class Undecided:
     states : ndarray of uint8, shape (rotations, ...)
         States of the cells.
     turn_costs : ndarray of float64
-        As for :class:`cspace.map.search.Graph`.
+        Cost of rotating to neighbouring rotation cells, as of :func:`cspace.map.search.turn_costs`.
     are_free : callable
         Decides configurations of shape (n, size) by exact geometry.
     edge_is_free : callable
@@ -64,12 +64,10 @@ class Undecided:
         passable = np.where(mixed, FREE, self.states)
         mixed[tuple(cells.T)] = False  # start and goal are free wherever the centers of their cells are
         undecided = mixed.copy()
-        rotations, neighbors = np.arange(len(self.rotations)), self.rotations._neighbors
-        graph = Graph.of(passable, rotations, neighbors, self.turn_costs)
-        guides = Guides(passable, rotations, neighbors, self.turn_costs).all()
+        slice_of, turns = np.arange(len(self.rotations)), (self.rotations._neighbors, self.turn_costs)
         while clock() < until:
             try:
-                chain = graph.chain(cells[0], cells[1], until, greed=SHORT_WEIGHT, guides=guides)
+                chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
             except TimeoutError:
                 return none
             path = self._path_along(chain, endpoints) if len(chain) else none

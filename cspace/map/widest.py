@@ -25,7 +25,7 @@ from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.distance import Distances
 from cspace.map.paths import in_time, pulled_straight, waypoints
-from cspace.map.search import Graph, Guide, check_deadline
+from cspace.map.search import EXACT_WEIGHT, check_deadline, find_chain
 from cspace.map.storage import Map, read_only
 from cspace.rotations import Rotations
 
@@ -116,35 +116,12 @@ class WidthMap:
         """
         states = narrow_states(self.widths, min_width)
         turns = self.rotations._neighbors, self.turns
-        return find_chain(states, self.slice_of, turns, start, goal, until)
+        return find_chain(states, self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
 
 
 def narrow_states(widths: Distances, min_width: float) -> Bytes:
     """Return states in which cells of ``min_width`` or above are FREE, all others MIXED."""
     return read_only((widths < np.float32(min_width)).view(np.uint8))  # FREE is 0, and MIXED 1
-
-
-def find_chain(
-    states: Bytes,
-    slice_of: Ints,
-    turns: tuple[Ints, Floats],
-    start: Ints,
-    goal: Ints,
-    until: float,
-) -> Ints:
-    """Return the shortest chain of FREE cells, shape (n, 1 + d).
-
-    ``turns`` are the neighbors of rotation cells, and the costs of rotating to them. If the robot
-    rotates, the heuristic is the length of the shortest chain over positions that are FREE at any
-    rotation.
-    """
-    graph, guides = Graph.of(states, slice_of, *turns), []
-    if len(slice_of) > 1:
-        neighbors, costs = turns
-        no_rotations = np.zeros(1, dtype=np.int64), neighbors[:1, :0], costs[:1, :0]
-        positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations)
-        guides.append(Guide(positions, np.zeros_like(slice_of), 1))
-    return graph.chain(start, goal, until, guides=guides)
 
 
 # ---- the bottleneck ------------------------------------------------------------------------------

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from cspace.arrays import Ints
 from cspace.map.components import Components
 from cspace.map.exterior import Exterior
-from cspace.map.storage import read_only_of
 from cspace.store import LABEL_HEADER_LENGTH, Index, Store
 from cspace.tiles.work import Job, run_tasks
 
@@ -52,7 +51,7 @@ class TileComponents:
         self.store, self.cells = store, store.cells(index)
         self.shape = tuple(part.stop - part.start for part in self.cells)
         closed = np.zeros(store.slices, dtype=np.bool_)
-        states = read_only_of(store.states_in(self.cells))
+        states = np.asarray(store.states_in(self.cells))
         self.components = Components(states, store.slice_of, store.rotations._neighbors, closed)
 
     def roots(self) -> tuple[Ints, Ints]:

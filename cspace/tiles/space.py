@@ -75,8 +75,8 @@ class TiledCSpace(ConfigurationMap):
     >>> import numpy as np, cspace
     >>> field = cspace.Workspace.from_array(np.eye(300, dtype=bool), 0.1)
     >>> space = cspace.build(field, cspace.Robot.disc(0.2), store="tiles.zarr", tile=128)
-    >>> space.is_free([(5.0, 20.0), (5.0, 5.0)])
-    array([ True, False])
+    >>> space.is_free([(5.0, 20.0), (5.0, 5.0)]).tolist()
+    [True, False]
     >>> space.window((0.0, 15.0), (10.0, 25.0)).clearance((5.0, 20.0)) > 1.0
     True
     """

@@ -207,7 +207,9 @@ class Panel:
     def write(self, name: str, numbers: tuple[float, ...]) -> None:
         """Show the coordinates of the start or the goal."""
         for (_, which), handle in zip(self._canvas.typed, self._typed[name], strict=True):
-            handle.value = _input_value(tuple(round(number, 3) for number in numbers[which]))
+            step = self._canvas.dials[which][0].step
+            decimals = max(3, 2 - math.floor(math.log10(step)))
+            handle.value = _input_value(tuple(round(number, decimals) for number in numbers[which]))
 
     def show_robot(self, numbers: tuple[float, ...]) -> None:
         """Show the coordinates of the robot."""

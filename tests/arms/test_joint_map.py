@@ -1,6 +1,7 @@
 """Maps of two and three joints, against shapely and FCL."""
 
 import copy
+import itertools
 import pickle
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,10 @@ import planners
 from benchmarks.suites.arm_peers import Meshes, coal_solids, our_solids
 from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map, undecided_pairs
+from cspace.compiling import clock
 from cspace.errors import ConfigurationError, InputError
+from planners.local_planner import local_planner
+from planners.passages import Passages
 from tests.arms.test_space import draw_scene
 from tests.maps import proven_paths
 from tests.refusals import refusals
@@ -348,20 +352,44 @@ def test_only_the_mapped_part_of_a_range_leaves_a_way_around(tmp_path: Path) -> 
     assert not build_joint_map(space, 0.05, limits={"shoulder": (-2.0, 2.0)}).is_disconnected(left, right)
 
 
-def test_certified_trajectories_of_continuous_joints_meet_no_obstacle(tmp_path: Path) -> None:
-    """Sample them densely: a trajectory moves straight between the rows of its path."""
-    joint_map = build_joint_map(build_turning_arm(tmp_path, POST), 0.05)
-    starts = np.array([(2.9, 0.3), (3.1, -1.0), (-2.9, 1.0)])
-    goals = np.array([(-2.9, 0.3), (1.0, 1.2), (-0.9, -1.0)])
-    certified = 0
-    for start, goal in zip(starts, goals, strict=True):
-        plan = planners.plan(joint_map, start, goal, exact=True, time_limit=2.0, seed=1)
+OBSTACLES = ((1.6, 0.0, 0.3), (0.7, 1.1, 0.3))
+"""Posts in front of the arm; the shorter way round is behind it."""
+
+STRETCHED = (3.0, 0.4), (-3.0, 0.4), (-0.7, 1.0)
+FOLDED = (2.2, 2.9), (-2.4, -2.9), (2.0, 2.5), (-1.5, -2.5)
+
+
+@pytest.mark.parametrize("elbow", [{"limits": None, "kind": "continuous"}, {"limits": (-3.0, 3.0)}])
+@pytest.mark.parametrize("spacing", [0.3, 2.2])
+@pytest.mark.parametrize("planner", [None, "Grid", "RRTConnect"])
+def test_certified_trajectories_meet_no_obstacle(
+    tmp_path: Path, elbow: dict[str, Any], spacing: float, planner: str | None
+) -> None:
+    space = build_turning_arm(tmp_path, OBSTACLES, **elbow)
+    joint_map, found = build_joint_map(space, spacing), 0
+    options: dict[str, Any] = {"planner": planner, "exact": True, "seed": 1, "time_limit": 5.0}
+    for start, goal in itertools.permutations(STRETCHED + FOLDED, 2):
+        plan = planners.plan(joint_map, start, goal, **options)
         if plan.certified:
-            certified += 1
-            moved = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
-            samples = moved.sample(np.linspace(0.0, moved.duration, 400))[0]
-            assert not meets_posts(samples, POST).any()
-    assert certified >= 2
+            trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+            positions = trajectory.sample(np.linspace(0.0, trajectory.duration, 500))[0]
+            assert not meets_posts(positions, OBSTACLES).any()
+            found += 1
+    assert found
+
+
+@pytest.mark.parametrize("elbow", [{"limits": None, "kind": "continuous"}, {"limits": (-3.0, 3.0)}])
+def test_paths_through_passages_meet_no_obstacle(tmp_path: Path, elbow: dict[str, Any]) -> None:
+    """Cells are so wide that a sample in the next cell may lie beyond half a turn."""
+    joint_map = build_joint_map(build_turning_arm(tmp_path, OBSTACLES, **elbow), 2.2)
+    edges, found = local_planner(joint_map, exact=True), 0
+    for seed, ends in enumerate(itertools.permutations(FOLDED, 2)):
+        path = Passages(edges, np.random.default_rng(seed), clock() + 5.0).find(ends)
+        if len(path):
+            rows = np.concatenate([np.linspace(*edge, 200) for edge in itertools.pairwise(path)])
+            assert not meets_posts(rows, OBSTACLES).any()
+            found += 1
+    assert found
 
 
 @settings(max_examples=3)

@@ -431,7 +431,7 @@ def test_motions_are_read_only_and_can_be_pickled(tmp_path: Path) -> None:
     assert repr(copied) == repr(motion)
     assert repr(motion).startswith("LineMotion(hand: pose reached; within ")
     for array in (motion.poses, motion.waypoints, motion.parameters):
-        with pytest.raises(ValueError, match="read-only"):
+        with pytest.raises(ValueError):
             array[0] = 0.0
 
 

@@ -500,6 +500,10 @@ def test_pose_refuses_invalid_arguments(tmp_path: Path, q: Any, frame: Any, mess
         Arm.from_urdf(planar(tmp_path)).pose(q, frame)
 
 
+JOINTS = ("one", "two", "three")
+"""The joints that move of :func:`write_arm_with_states`."""
+
+
 def write_arm_with_states(folder: Path) -> tuple[Path, Path]:
     """Write an arm with a hand; both have a state "home"."""
     path = write_urdf(
@@ -538,7 +542,7 @@ def test_configurations_have_named_joints_at_their_values(
     tmp_path: Path, values: Any, base: Any, expected: tuple[float, ...]
 ) -> None:
     arm = Arm.from_urdf(*write_arm_with_states(tmp_path))
-    assert arm.joints == ("one", "two", "three")
+    assert arm.joints == JOINTS
     assert arm.configuration(values, base).tolist() == list(expected)
 
 
@@ -597,15 +601,23 @@ def test_joints_of_a_group_move_and_others_are_held_at_their_values(tmp_path: Pa
     ({"joints": 5}, "joints is 5; it must be a group of the SRDF, or names of joints"),
     ({"joints": []}, "has no joint that moves there"),
     ({"joints": "arm", "tip": "b"}, "joints is given with tip; both say which joints move"),
-    ({"joints": "arm", "held_joints": {"one": 0.0}}, "held_joints names 'one'; the joints are three; name one"),
+    ({"joints": "arm", "held_joints": {"one": 0.0}}, "'one'; it moves; pass joints= or tip= "),
+    ({"joints": "arm", "held_joints": {"mount": 0.0}}, "it is fixed; leave it out, or name three"),
+    ({"joints": JOINTS, "held_joints": {"mount": 0.0}}, "'mount'; it is fixed; leave it out$"),
+    ({"joints": JOINTS, "held_joints": {"four": 0.0}}, "'four'; it mimics 'three'; leave it out$"),
+    ({"joints": "arm", "held_joints": {"leg": 0.0}}, "'leg'; the URDF has one, two, .* name three"),
+    ({"base": "b", "held_joints": {"one": 0.0}}, "it is not below the base 'b'; leave it out$"),
     ({"joints": "arm", "held_joints": {"three": 0.05}}, "has three at 0.05; its limits are 0 and 0.04"),
     ({"joints": "arm", "held_joints": [0.0]}, r"held_joints is \[0.0\]; it must map names of joints to numbers"),
-    ({"held_joints": {"one": 0.0}}, "held_joints names one; no joint is held"),
+    ({"held_joints": {"one": 0.0}}, "held_joints names 'one'; it moves; pass joints="),
+    ({"held_joints": [0.0]}, r"it must map names of joints to numbers; pass e.g. \{'elbow': 0.0\}"),
 )
 def test_from_urdf_refuses_joints_that_cannot_move_or_be_held(
     tmp_path: Path, options: dict[str, Any], message: str
 ) -> None:
     path, srdf = write_arm_with_states(tmp_path)
+    mount = joint("mount", "d", "f", kind="fixed", limits=None)
+    path.write_text(path.read_text().replace("</robot>", f"{link('f')}{mount}</robot>"))
     with pytest.raises(InputError, match=message):
         Arm.from_urdf(path, **{"srdf": srdf, **options})
 

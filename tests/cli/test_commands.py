@@ -16,14 +16,14 @@ import trimesh
 import cspace
 import planners
 from cspace.cli import app
-from cspace.cli.report import progress_line
+from cspace.cli.report import option_names, progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
 from cspace.limits import MESH_CELL_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate
 from cspace.spectral import FourierOverlap
 from tests import urdfs
-from tests.commands import document, run
+from tests.commands import COMMANDS, document, run
 from tests.maps import same
 from tests.refusals import refusals
 
@@ -64,8 +64,11 @@ def test_help_imports_no_heavy_module(tmp_path: Path) -> None:
 
 
 def test_help_and_version_are_printed() -> None:
-    for command in ("demo", "map", "plan", "info", "plot", "export"):
-        assert f"cspace {command}" in run(command, "-h").stdout.replace("root", "cspace")
+    for name, command in COMMANDS.items():
+        printed = run(name, "-h")
+        assert printed.exit_code == 0
+        options = option_names(command).values()
+        assert options and [option for option in options if option not in printed.stdout] == []
     assert run("--version").stdout == f"cspace {cspace.__version__}\n"
     assert app.info.epilog is not None
 
@@ -349,9 +352,10 @@ def test_package_dirs_locate_meshes_of_ros_packages(tmp_path: Path) -> None:
 
 
 def test_help_uses_one_placeholder_for_configurations() -> None:
-    for command in ("plan", "plot", "view"):
-        printed = run(command, "--help").stdout
-        assert all(f"{option} X,Y[,Z][,ROTATION]" in " ".join(printed.split()) for option in ("--start", "--goal"))
+    for name in ("plan", "plot", "view"):
+        placeholders = {parameter.name: parameter.metavar for parameter in COMMANDS[name].params}
+        assert placeholders["start"] == placeholders["goal"] == "X,Y[,Z][,ROTATION]"
+        assert "X,Y[,Z][,ROTATION]" in run(name, "--help").stdout
 
 
 def test_view_passes_marks_and_path_of_an_arm(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

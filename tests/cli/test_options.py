@@ -12,7 +12,7 @@ from cspace.cli.files import read_axes
 from cspace.cli.options import parse_angle, parse_box, parse_configuration
 from cspace.cli.report import format_error, name_options, show
 from cspace.errors import CspaceError, FileError, InputError
-from tests.commands import run
+from tests.commands import COMMANDS, flatten, run
 from tests.refusals import refusals
 
 AXES_OF = {"plane": ("x", "y"), "turning": ("x", "y", "yaw"), "space": ("x", "y", "z"), "both": ("x", "y", "z", "yaw")}
@@ -134,7 +134,10 @@ def test_format_error_uses_the_fields_of_errors(error: CspaceError, expected: st
 
 
 def test_the_list_of_commands_cuts_no_sentence() -> None:
-    assert "..." not in run("--help").stdout.partition("Commands:")[2]
+    printed = flatten(run("--help").stdout)
+    for name, command in COMMANDS.items():
+        sentence = flatten(command.help).partition(". ")[0]
+        assert f"{name} {sentence}" in printed
 
 
 @pytest.mark.parametrize("name", ["clearance_m", "obstacle_distance_rad"])

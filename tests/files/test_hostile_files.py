@@ -21,11 +21,13 @@ from PIL import Image
 
 import cspace
 from cspace import FileError, InputError, Workspace
+from cspace.arms import Arm
 from cspace.errors import CspaceError
 from cspace.files.access import ContentError
 from cspace.files.plain import parse_xml, read_yaml
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
+from cspace.spectral import BallDecomposition
 from tests.refusals import refusals
 from tests.soak import files as soak
 
@@ -83,12 +85,16 @@ def write_ros_map(tmp_path: Path, **changes: str) -> Path:
 @refusals(
     "changes, message",
     *[({"negate": f"!!{tag} foo"}, "tag in line 4") for tag in ("bool", "int", "float", "timestamp", "python/name:os")],
+    ({"negate": "! 0"}, "tag in line 4"),
     ({"resolution": "9" * 400}, "resolution is inf"),
-    ({"resolution": "[" * 9_000}, "more than 64 levels"),
-    ({"resolution": "{a: " * 9_000}, "more than 64 levels"),
+    ({"resolution": "[" * 65}, "more than 64 levels"),
+    ({"resolution": "{a: " * 65}, "more than 64 levels"),
+    # PyYAML may have a limit of its own for those.
+    ({"resolution": "[" * 9_000}, "more than 64 levels|a ROS map must be YAML"),
+    ({"resolution": "{a: " * 9_000}, "more than 64 levels|a ROS map must be YAML"),
     ({"resolution": "&x 0.05\nbeside: *x"}, "anchor"),
     ({"1": "2"}, "key '1'"),
-    ({"? [a]": "2"}, "key"),
+    ({"? [a]": "2"}, r"key \"\['a'\]\""),
     ({"negate": "0\nnegate: 1"}, "is repeated"),
     ({"image": '"a\\0b"'}, "image is"),
     ({"origin": "[.nan, 0, 0]"}, "origin"),
@@ -115,6 +121,58 @@ DOCUMENTS = st.recursive(SCALARS, lambda item: st.lists(item) | st.dictionaries(
 def test_read_yaml_agrees_with_the_json_parser(tmp_path: Path, document: object) -> None:
     (tmp_path / "a.yaml").write_text(json.dumps(document), encoding="utf-8")
     assert read_yaml(tmp_path / "a.yaml", "file") == document
+
+
+YAML_WORDS = [
+    ("", None),
+    ("~", None),
+    ("Null", None),
+    ("yes", True),
+    ("OFF", False),
+    ("oN", "oN"),
+    ("-017", "-017"),
+    ("+17", 17),
+    ("9" * 18, 10**18 - 1),
+    ("1" + "0" * 18, 1e18),
+    ("1_000", "1_000"),
+    ("0x10", "0x10"),
+    ("1:30", "1:30"),
+    ("5.", 5.0),
+    ("-.5e-1", -0.05),
+    ("1e3", 1000.0),
+    ("-.INF", -np.inf),
+    (".inf.", ".inf."),
+    ("1\u0663", "1\u0663"),
+    ("2026-11-24", "2026-11-24"),
+    ("<<", "<<"),
+    ("=", "="),
+    ("one\n  two", "one two"),
+    ("'1'", "1"),
+    ('"yes"', "yes"),
+    ("|\n  1\n  2", "1\n2\n"),
+    ("1  # one", 1),
+    ("\n- 1\n- - 2\n  -", [1, [2, None]]),
+    ("{b, c: [], d: {}}", {"b": None, "c": [], "d": {}}),
+    ("\n  ? b\n  : c", {"b": "c"}),
+]
+
+
+@pytest.mark.parametrize(("text", "value"), YAML_WORDS)
+def test_yaml_words_are_plain_values(tmp_path: Path, text: str, value: object) -> None:
+    (tmp_path / "a.yaml").write_text(f"a: {text}\n", encoding="utf-8")
+    read = read_yaml(tmp_path / "a.yaml", "file")
+    assert read == {"a": value}
+    assert type(read["a"]) is type(value)
+
+
+def test_yaml_has_one_document_or_none(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("# nothing\n")
+    assert read_yaml(tmp_path / "a.yaml", "file") is None
+    (tmp_path / "a.yaml").write_text("a: .nan\n")
+    assert np.isnan(read_yaml(tmp_path / "a.yaml", "file")["a"])
+    (tmp_path / "a.yaml").write_text("--- 1\n--- 2\n")
+    with pytest.raises(FileError, match="holds 2 documents"):
+        read_yaml(tmp_path / "a.yaml", "file")
 
 
 def test_xml_is_refused_by_its_entities_and_its_depth() -> None:
@@ -213,6 +271,69 @@ def test_oversized_declarations_are_refused_with_figures(
     path.touch()
     write(path)
     check_refused(path, message, **({} if name.endswith("bt") else {"spacing": 0.1}))
+
+
+def open_as_scene(path: Path) -> Workspace:
+    return Workspace.from_moveit_scene(path, 0.1, bounds=(0, 0, 0, 1, 1, 1))
+
+
+def open_as_srdf(path: Path) -> Arm:
+    urdf = path.with_suffix(".urdf")
+    urdf.write_text('<robot name="a"><link name="b"/></robot>')
+    return Arm.from_urdf(urdf, path)
+
+
+def open_with_spacing(path: Path) -> Workspace:
+    return Workspace.open(path, spacing=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "read"),
+    [
+        ("a.yaml", "max_description_bytes", Workspace.open),
+        ("a.yaml", "max_description_bytes", open_as_scene),
+        ("a.yaml", "max_description_bytes", BallDecomposition.open),
+        ("a.urdf", "max_description_bytes", cspace.Robot.from_urdf),
+        ("a.srdf", "max_description_bytes", open_as_srdf),
+        ("a.json", "max_text_bytes", BallDecomposition.open),
+        ("a.geojson", "max_text_bytes", open_with_spacing),
+        ("a.wkt", "max_text_bytes", open_with_spacing),
+        ("a.dae", "max_text_bytes", open_with_spacing),
+        ("a.gltf", "max_text_bytes", open_with_spacing),
+    ],
+)
+def test_text_that_is_parsed_whole_is_refused_by_its_size(
+    tmp_path: Path, name: str, limit: str, read: Callable[[Path], object]
+) -> None:
+    size = {"max_description_bytes": 15_000_000, "max_text_bytes": 80_000_000}[limit]
+    figures = {"max_description_bytes": "15 MB; at most 4.19 MB", "max_text_bytes": "80 MB; at most 67.1 MB"}[limit]
+    path = tmp_path / name
+    path.touch()
+    os.truncate(path, size)
+    with pytest.raises(FileError, match=f"{figures} .*{limit}={size}") as caught:
+        read(path)
+    assert str(path) in str(caught.value)
+
+
+def test_limits_of_text_can_be_changed(tmp_path: Path, families: dict[str, Path]) -> None:
+    path = write_ros_map(tmp_path)
+    size = path.stat().st_size
+    with raised_limits(max_description_bytes=size - 1):
+        check_refused(path, f"max_description_bytes={size}")
+    with raised_limits(max_description_bytes=size, max_text_bytes=0):
+        assert Workspace.open(path).grid.size == 6
+    with raised_limits(max_bytes=size - 1):
+        check_refused(path, f"max_bytes={size}")
+    with raised_limits(max_text_bytes=9):
+        check_refused(families["box.glb"], "has a header of", spacing=0.1)
+
+
+def test_clouds_and_maps_of_letters_keep_to_the_limit_of_all_files(tmp_path: Path) -> None:
+    (tmp_path / "a.3dmap").write_text("voxel 9 9 9\n")
+    (tmp_path / "a.xyz").write_text("0 0 0\n1 1 1\n")
+    with raised_limits(max_text_bytes=1, max_description_bytes=1):
+        assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
+        assert Workspace.open(tmp_path / "a.xyz", spacing=0.5, radius=0.1).grid.size
 
 
 def test_a_picture_of_too_many_pixels_is_refused_before_it_is_read(tmp_path: Path) -> None:

@@ -182,12 +182,12 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
     ("POLYGON EMPTY", "polygons is empty"),
     ([L_SHAPE, shapely.Polygon()], r"polygons\[1\] is empty"),
     (shapely.GeometryCollection(), "polygons is empty"),
-    (BOW_TIE, r"polygons is not valid: Self-intersection\[0.5 0.5\]"),
+    (BOW_TIE, "polygons is not valid: .*; a boundary may not cross itself"),
     ([L_SHAPE, BOW_TIE], r"polygons\[1\] is not valid"),
     (shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)]), "polygons, part 1 is not valid"),
     ([FAR, shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)])], r"polygons\[1\], part 1 is not valid"),
     ("POLYGON ((0 0, 1 0, 2 0, 0 0))", "polygons is not valid"),
-    ("LINESTRING (0 0, 0 0)", "polygons is not valid: Too few points"),
+    ("LINESTRING (0 0, 0 0)", "polygons is not valid: "),
     (shapely.Point(float("nan"), 0.0), r"vertex at \(nan, "),
     ([L_SHAPE, "POLYGON ((0 0, nan 1, 1 1, 0 0))"], r"polygons\[1\] has a vertex at \(nan, 1.0\)"),
     ({"type": "LineString", "coordinates": [[0, 0], [1, float("inf")]]}, r"vertex at \(1.0, inf\)"),
@@ -219,7 +219,7 @@ def test_sources_of_another_kind_are_refused(source: Any) -> None:
 
 @refusals(
     "name, text, error, message",
-    ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file .*line 1"),
+    ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file"),
     ("a.json", "[1, 2]", FileError, "holds a JSON list"),
     ("a.json", "", FileError, "as a JSON file"),
     ("a.json", '{"type": "Point", "coordinates": [NaN, 1]}', GeometryError, r"a\.json has a vertex at \(nan"),

@@ -1,227 +1,31 @@
-"""Components against labels by scipy, also after random changes."""
+"""Components of maps against graphs of their cells."""
 
 import itertools
 import math
-from unittest import mock
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import ndimage, sparse
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
-from cspace.map.components import BLOCK_SHIFTS, Components
-from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from tests import handmade
 from tests.maps import proven_paths
 from tests.strategies import seeds
 
-BLOCKS = {"small": {2: (0, 2, 2), 3: (1, 2, 1)}, "rows of eight": {2: (0, 1, 3), 3: (1, 0, 3)}, "as they are": {}}
 
-RINGS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3, 6), (3, 2, 4)]
-"""Axes of the grid, slices, and rotation cells in a ring."""
-
-ONE_SLICE = np.zeros(1, dtype=np.int64)
-
-
-def make_ring(rotations):
-    return (np.arange(rotations)[:, None] + [-1, 1]) % rotations
-
-
-def make_components(stack, slice_of=ONE_SLICE, exterior_open=False, blocks="as they are"):
-    with mock.patch.dict(BLOCK_SHIFTS, BLOCKS[blocks]):
-        return Components(read_only(stack), slice_of, make_ring(len(slice_of)), np.full(len(stack), exterior_open))
-
-
-def draw_stack(rng, dim, slices):
-    shape = tuple(int(n) for n in rng.integers(1, (10 if dim == 3 else 15), dim))
-    return rng.choice(3, (slices, *shape), p=rng.dirichlet([1.0, 1.0, 1.0])).astype(np.uint8)
-
-
-def assert_same_partition(labels, expected):
-    """Fail unless two labellings group the cells equally."""
-    np.testing.assert_array_equal(labels < 0, expected < 0)
-    pairs = labels.astype(np.int64) * (int(expected.max()) + 2) + expected
-    assert count_distinct(labels) == count_distinct(expected) == count_distinct(pairs)
-
-
-def count_distinct(numbers):
-    """Count distinct values, some 20 times faster than ``np.unique``."""
-    return np.count_nonzero(np.diff(np.sort(numbers, axis=None))) + 1
-
-
-def list_cells_around(stack, rotations, around=2):
-    axes = [np.arange(rotations), *(np.arange(-around, n + around) for n in stack.shape[1:])]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, stack.ndim)
-
-
-def label_with_scipy(stack, slice_of, exterior_open, cells):
-    """Label cells by scipy, with a rim as the exterior."""
-    order = slice_of if len(stack) > 1 else [0]
-    numbers = []
-    for kind, member in enumerate((stack == FREE, stack != BLOCKED)):
-        framed = np.zeros((len(stack), *(n + 4 for n in stack.shape[1:])), dtype=bool)
-        if kind:
-            framed.T[...] = exterior_open
-        framed[(slice(None), *[slice(2, -2)] * (stack.ndim - 1))] = member
-        labels, count = ndimage.label(framed[order])
-        first, last = labels[0].ravel(), labels[-1].ravel()
-        both = (first > 0) & (last > 0) & (len(order) > 1)
-        links = sparse.coo_array((both[both], (first[both], last[both])), shape=(count + 1, count + 1))
-        merged = np.where(labels > 0, sparse.csgraph.connected_components(links, directed=False)[1][labels] + 1, 0)
-        inside = np.clip(cells[:, 1:] + 2, 0, np.array(framed.shape[1:]) - 1)
-        numbers.append(merged[(np.minimum(cells[:, 0], len(merged) - 1), *inside.T)] - 1)
-    return numbers
-
-
-@settings(max_examples=100)
-@given(seeds, st.sampled_from(RINGS), st.sampled_from(list(BLOCKS)), st.sampled_from([5, 2048]))
-def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
-    """Query few cells first, so that caches hold few labels."""
-    dim, slices, rotations = kind
-    rng = np.random.default_rng(seed)
-    stack = draw_stack(rng, dim, slices)
-    exterior_open, slice_of = rng.random(slices) < 0.5, np.arange(rotations) % slices
-    labels, cells = make_components(stack, slice_of, exterior_open, blocks), list_cells_around(stack, rotations)
-    for _ in range(4):
-        with mock.patch("cspace.map.components.BLOCKS_PER_TASK", task):
-            for mixed, count in itertools.product((False, True), (3, 9)):
-                labels.of(rng.choice(cells, count), mixed)
-            for mixed, other in enumerate(label_with_scipy(stack, slice_of, exterior_open, cells)):
-                assert_same_partition(labels.of(cells, bool(mixed)), other)
-        boxes = np.tile(np.repeat([0, -1], 3), (slices, 1))
-        for s in np.flatnonzero(rng.random(slices) < 0.7):
-            first = [int(rng.integers(0, n)) for n in stack.shape[1:]]
-            last = [int(rng.integers(i, min(n, i + 5))) for i, n in zip(first, stack.shape[1:], strict=True)]
-            window = tuple(slice(i, j + 1) for i, j in zip(first, last, strict=True))
-            stack[s][window] = rng.integers(0, 3, stack[s][window].shape)
-            pad = [0] * (3 - dim)
-            boxes[s] = [*pad, *first, *pad, *last]
-        labels.refresh(np.asarray(boxes))
-
-
-@settings(max_examples=60)
-@given(seeds, st.sampled_from(RINGS), st.sampled_from(list(BLOCKS)))
-def test_box_encloses_its_component(seed, kind, blocks):
-    dim, slices, rotations = kind
-    rng = np.random.default_rng(seed)
-    stack = draw_stack(rng, dim, slices)
-    labels = make_components(stack, np.arange(rotations) % slices, blocks=blocks)
-    cells = list_cells_around(stack, rotations, 0)
-    free = labels.of(cells)
-    # Rotation cells that share a slice have the same components.
-    for cell, component in list(zip(cells[free >= 0], free[free >= 0], strict=True))[:20]:
-        ours = cells[free == component][:, 1:]
-        np.testing.assert_array_equal(labels.box(cell), [ours.min(axis=0), ours.max(axis=0)])
-
-
-@pytest.mark.parametrize("blocks", BLOCKS)
-def test_chessboard_has_a_component_per_free_cell(blocks):
-    state = (np.indices((150, 140)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)  # a chessboard
-    labels = make_components(state[None], exterior_open=True, blocks=blocks)
-    cells = list_cells_around(state[None], 1, 0)
-    free, passable = labels.of(cells), labels.of(cells, mixed=True)
-    assert len(np.unique(free)) - 1 == np.count_nonzero(state == FREE)
-    assert len(np.unique(passable)) - 1 < np.count_nonzero(state == FREE)  # the exterior joins the cells at the border
-    state[...] = FREE
-    labels.refresh(np.array([[0, 0, 0, 0, 149, 139]]))
-    assert len(np.unique(labels.of(cells))) == 1
-    state[70:] = BLOCKED
-    labels.refresh(np.array([[0, 70, 0, 0, 149, 139]]))
-    assert set(np.unique(labels.of(cells))) == {-1, int(labels.of(cells[0]))}
-
-
-@pytest.mark.parametrize("kind", [(2, 1, 1), (2, 3, 3), (3, 1, 1)])
-@pytest.mark.parametrize("grain", [0.0, 1.0, 3.0])
-def test_labels_of_large_shapes_equal_those_of_scipy(kind, grain):
-    """Draw runs of all lengths up to a whole word."""
-    dim, slices, rotations = kind
-    shape, rng = ((150, 200) if dim == 2 else (20, 30, 140)), np.random.default_rng(dim)
-    for share in (0.1, 0.4, 0.7):
-        noise = ndimage.gaussian_filter(rng.random((slices, *shape)), (0, *[grain] * dim))
-        stack = np.digitize(noise, np.quantile(noise, [share, share + 0.1])).astype(np.uint8)
-        exterior_open, cells = np.zeros(slices, dtype=bool), list_cells_around(stack, rotations, 1)
-        labels = make_components(stack, np.arange(rotations))
-        for mixed, other in enumerate(label_with_scipy(stack, np.arange(rotations), exterior_open, cells)):
-            assert_same_partition(labels.of(cells, bool(mixed)), other)
-
-
-def test_one_cell_opens_and_closes_a_wall():
-    state = np.zeros((300, 200), dtype=np.uint8)
-    state[150] = BLOCKED
-    labels = make_components(state[None])
-    cells = np.array([[0, x, 20] for x in (3, 290)])
-    for fill, expected in ((FREE, (1, 1)), (BLOCKED, (2, 2)), (MIXED, (2, 1)), (FREE, (1, 1))):
-        state[150, 77] = fill
-        labels.refresh(np.array([[0, 150, 77, 0, 150, 77]]))
-        assert tuple(len(np.unique(labels.of(cells, mixed))) for mixed in (False, True)) == expected
-
-
-def test_hint_guesses_that_a_room_is_closed():
-    stack = np.zeros((16, 40, 30), dtype=np.uint8)
-    stack[:, [10, 20], 10:21] = stack[:, 10:21, [10, 20]] = BLOCKED
-    stack[:, 11:20, [11, 19]] = MIXED
-    cells = np.array([[3, 15, 15], [5, 2, 2]])
-    for outside in ([], [[5, -9, 2]]):
-        for one, other in itertools.product([cells[0], cells[0] - [2, 0, 1]], [cells[1], *np.array(outside)]):
-            labels = make_components(stack, np.arange(16), exterior_open=True)
-            assert labels.hint(np.array([one, other]))[0]
-            assert labels.hint(np.array([other, one]))[0]
-            assert not labels.hint(np.array([one, one]))[0]
-            assert not labels.hint(np.array([other, other]))[0]
-    assert not make_components(stack[:15], np.arange(15)).hint(cells)[0]
-    stack[3, 20, 15] = MIXED  # in a slice that the hint skips
-    assert labels.hint(cells)[0]
-    assert len(np.unique(labels.of(cells, mixed=True))) == 1
-    assert labels.hint(cells[[1, 1]])[0]  # existing components are tested first
-    labels.of(cells)
-    assert not labels.hint(cells)[0]
-    stack[4, 20, 15] = MIXED
-    assert not make_components(stack, np.arange(16)).hint(cells)[0]
-
-
-@settings(max_examples=60)
-@given(seeds, st.sampled_from(RINGS), st.sampled_from(list(BLOCKS)))
-def test_block_path_joins_only_joined_cells(seed, kind, blocks):
-    dim, slices, rotations = kind
-    rng = np.random.default_rng(seed)
-    stack, exterior_open, slice_of = (
-        draw_stack(rng, dim, slices),
-        rng.random(slices) < 0.5,
-        np.arange(rotations) % slices,
-    )
-    cells = list_cells_around(stack, rotations)
-    expected = label_with_scipy(stack, slice_of, exterior_open, cells)[1]
-    with mock.patch.multiple("cspace.map.components", HINT_SLICES=1, MIN_BLOCKS_PER_PATH_BLOCK=0):
-        for one, other in rng.integers(0, len(cells), (8, 2)):
-            joined_along_path = make_components(stack, slice_of, exterior_open, blocks).hint(cells[[one, other]])[1]
-            assert not joined_along_path() or expected[one] == expected[other] >= 0
-
-
-@pytest.mark.parametrize("min_blocks", [0, 3])
-def test_block_path_proves_that_mixed_cells_join(min_blocks, monkeypatch):
-    """Open a door at some rotations only, or the exterior."""
-    monkeypatch.setattr("cspace.map.components.MIN_BLOCKS_PER_PATH_BLOCK", min_blocks)
-    stack = np.zeros((16, 700, 600), dtype=np.uint8)
-    stack[:, 350] = BLOCKED
-    cells = np.array([[0, 20, 30], [7, 690, 500]])
-    assert make_components(stack, np.arange(16)).hint(cells)[0]
-    labels = make_components(stack, np.arange(16), exterior_open=True)
-    apart, joined_along_path = labels.hint(cells)
-    assert not apart and joined_along_path() and joined_along_path()
-    assert labels.hint(cells)[0]
-    for slices, joined in (([4, 5], True), ([4], True), ([], False)):
-        stack[:, 350, 200] = BLOCKED
-        stack[slices, 350, 200] = MIXED
-        assert make_components(stack, np.arange(16)).hint(cells)[1]() is (joined and min_blocks == 0)
-    stack[4, 350, 200], stack[8, 349, 200], stack[4, 349, 200] = MIXED, MIXED, BLOCKED
-    assert not make_components(stack, np.arange(16)).hint(cells)[1]()  # merged slices are open, but no single one is
-
-
-# ---- queries of maps -------------------------------------------------------------------------------------------------
+def test_maps_may_have_more_components_than_two_bytes_can_count():
+    chessboard = (np.indices((400, 400)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)
+    states = np.stack([chessboard, np.full_like(chessboard, BLOCKED)])
+    states[1, 3, :5] = FREE
+    space = handmade.make_map(states, "turning", outside="blocked")
+    cells = np.argwhere(states == FREE)[[0, 1, 40_000, 79_999]]
+    q = handmade.cell_centers(space, cells)
+    assert (proven_paths(space, q[:, None], q[None]) == np.eye(4, dtype=bool)).all()
+    lower, upper = space.reachable_bounds(handmade.cell_centers(space, np.array([[0, 3, 1]]))[0])
+    assert np.rint((upper - lower) / space.grid.spacing).tolist() == [1, 5]
 
 
 @settings(max_examples=30)
@@ -241,10 +45,8 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
     joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
     expected = np.where(joined, True, np.where(maybe, None, False))
     assert proven_paths(space, q[:, None], q[None]).tolist() == expected.tolist()
-    with mock.patch("cspace.map.components.HINT_SLICES", 1):  # the hint may be right or wrong
-        for one, other in itertools.pairwise(range(min(len(q), 6))):
-            space = handmade.make_map(states, kind, outside)
-            assert proven_paths(space, q[one], q[other]) is expected[one, other]
+    for one, other in itertools.pairwise(range(min(len(q), 6))):
+        assert proven_paths(space, q[one], q[other]) is expected[one, other]
 
 
 @settings(max_examples=10)

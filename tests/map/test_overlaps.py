@@ -16,6 +16,7 @@ from tests.handmade import map_of
 from tests.strategies import bitmaps, robots, seeds
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=25)
 @given(bitmaps(10), robots(0.25), st.sampled_from(["blocked", "free"]))
 def test_overlap_count_equals_the_stored_count_and_the_sum(occupied, robot, outside):

@@ -123,7 +123,7 @@ def test_queries_name_the_invalid_configuration_of_a_batch(space):
 
 
 def test_cell_states_are_read_only(space):
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError):
         space.cell_states[(0,) * space.cell_states.ndim] = FREE
 
 

@@ -140,6 +140,7 @@ def measure_clearances(space: CSpace, beyond: int) -> np.ndarray:
     return np.concatenate(distances)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @pytest.mark.parametrize("name", WIDEST_SPACES)
 @settings(max_examples=15)
 @given(seeds, exteriors)

@@ -122,6 +122,10 @@ def test_the_lattice_repeats_its_path(options: dict[str, Any]) -> None:
     assert rough.certified and len(rough.waypoints) >= len(plans[0].waypoints)
 
 
+RESOLVE = "a finer spacing or more rotations (MIXED cells lie between)"
+"""First hint of a plan that fails among MIXED cells."""
+
+
 def sideways() -> tuple[CSpace, tuple[float, ...], tuple[float, ...]]:
     """Return a map that is FREE at one yaw alone, and a query that only a robot which moves sideways can drive."""
     states = np.full((8, 20, 20), BLOCKED, dtype=np.uint8)
@@ -154,12 +158,13 @@ def test_a_search_that_ends_at_its_limit_of_nodes_does_not_ask_for_more_time(mon
     plan = planners.plan(
         space, (0.7, 0.7, 0.0), (1.0, 5.0, 3.1), planner="Lattice", time_limit=1000.0, drive="differential"
     )
-    assert not plan.solved and plan.hint == "planner='RRTConnect'"
+    decide = "planner='RRTConnect' with exact=True"
+    assert not plan.solved and plan.hint == f"{RESOLVE}, {decide}, or planner='RRTConnect'"
     assert "the lattice search ended at its limit of 10 nodes; one exists for a robot that" in plan.status
     # A car that cannot enter the corridor in reverse searches the whole room.
     car: dict[str, Any] = {"drive": "dubins", "turning_radius": 0.3, "planner": "Lattice", "time_limit": 1000.0}
     plan = planners.plan(dead_end(), (6.5, 1.75, 0.0), (1.0, 1.75, 1e-3), **car)
-    assert not plan.solved and plan.hint == "a smaller turning_radius, or planner='RRT'"
+    assert not plan.solved and plan.hint == f"{RESOLVE}, a smaller turning_radius, or planner='RRT'"
     assert "the lattice search ended at its limit of 2,000 nodes; one exists for a robot that" in plan.status
 
 
@@ -170,13 +175,36 @@ def test_a_search_without_nodes_left_does_not_ask_for_more_time(options: dict[st
     assert not plan.solved
     if options["drive"] == "dubins":
         assert "; the lattice search reached no more nodes; one exists for a robot that" in plan.status
-        assert plan.hint == "a smaller turning_radius, or planner='RRT'"
+        assert plan.hint == f"{RESOLVE}, a smaller turning_radius, or planner='RRT'"
     else:
         assert "; the lattice of 17 headings has no path; one exists for a robot that" in plan.status
-        assert plan.hint == "planner='RRTConnect'"
+        decide = "planner='RRTConnect' with exact=True"
+        assert plan.hint == f"{RESOLVE}, {decide}, or planner='RRTConnect'"
     late = planners.plan(dead_end(), *query, planner="Lattice", time_limit=1e-6, **options)
     assert "no path found within" in late.status and "nodes" not in late.status
-    assert late.hint.startswith("more time (time_limit=1e-05), ")
+    assert "more time (time_limit=1e-05), " in late.hint
+
+
+def test_a_slot_too_tight_for_the_cells_asks_for_finer_cells_first() -> None:
+    # A car of 0.9 m beside a slot of 1.2 m; its motions into the slot touch MIXED cells.
+    occupied = fill_boxes((80, 40), np.s_[:30, :10], np.s_[42:, :10])
+    space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.36), rotations=72)
+    query, car = ((5.5, 1.5, 0.0), (3.6, 0.5, 0.0)), {"drive": "reeds-shepp", "turning_radius": 1.0}
+    assert space.is_connected(*query)
+    for planner in (None, "Lattice", "RRTConnect"):
+        plan = planners.plan(space, *query, planner=planner, time_limit=1e-6, **car)
+        assert not plan.solved
+        assert plan.hint.startswith(f"{RESOLVE}, more time (time_limit=1e-05), ")
+    differential = {"drive": "differential", "planner": "RRT", "iterations": 1}
+    plan = planners.plan(space, *query, time_limit=1e-6, **differential)
+    assert plan.hint.startswith(f"{RESOLVE}, exact=True, more time")
+
+
+def test_finer_cells_are_not_asked_for_where_none_is_undecided() -> None:
+    space, start, goal = sideways()
+    options = {"drive": "differential", "planner": "Lattice"}
+    plan = planners.plan(space, start, goal, time_limit=0.5, **options)
+    assert not plan.solved and "MIXED" not in plan.hint and "finer" not in plan.hint
 
 
 def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import trimesh
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
-from cspace.map.search import open_chain
+from cspace.map.search import find_chain
 from tests.maps import proven_paths
 from tests.placements import collides
 from tests.planning import build_three_rooms, compile_for, sample_edge
@@ -48,13 +48,13 @@ def test_compiling_chains_takes_no_time_from_the_search(monkeypatch):
     space, _ = corridor(WIDTH, Robot.rectangle(0.8, WIDTH))
     endpoints, begun = ((0.7, 1.0, 0.0), (4.3, 2.0, 0.0)), []
 
-    def slow(*arguments):
+    def slow(*arguments, **options):
         if not begun:
             compile_for(0.6)
         begun.append(1)
-        return open_chain(*arguments)
+        return find_chain(*arguments, **options)
 
-    monkeypatch.setattr(planners.passages, "open_chain", slow)
+    monkeypatch.setattr(planners.passages, "find_chain", slow)
     plan = planners.plan(space, *endpoints, exact=True, seed=0, time_limit=0.3)
     assert begun and plan.times.setup >= 0.6 and plan.times.planning < 0.6
 

@@ -370,9 +370,33 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     ("plane", {"objective": None}, "objective is None"),
     ("plane", {"objective": lambda si: 3, "planner": "RRTstar"}, "objective returned 3"),
     ("plane", {"objective": "clearance", "planner": "RRTConnect"}, "RRTConnect ignores objectives.*RRTstar"),
-    ("plane", {"objective": "clearance", "exact": True}, "RRTConnect ignores objectives.*RRTstar"),
+    (
+        "plane",
+        {"objective": "clearance", "exact": True},
+        "clearance' and exact is True; without a planner.*RRTstar",
+    ),
+    (
+        "plane",
+        {"objective": "clearance", "iterations": 3},
+        "clearance' and iterations is 3; without a pl.*RRTstar",
+    ),
+    (
+        "turning",
+        {"objective": "clearance", "drive": "differential"},
+        "drive is 'differential'; without a planner, it is for holonomic robots; .*'RRTstar'",
+    ),
+    (
+        "plane",
+        {"objective": "overlap"},
+        "'overlap' and no planner is named; the default.* the length; .*'RRTstar'",
+    ),
+    ("plane", {"objective": lambda si: 3}, "is a function and no planner is named; .*'RRTstar'"),
     ("plane", {"objective": "clearance", "planner": "PRM"}, "second thread"),
-    ("plane", {"objective": "overlap", "planner": "RRTstar"}, "carries none.*with_overlap_field"),
+    (
+        "plane",
+        {"objective": "overlap", "planner": "RRTstar"},
+        "objective .* carries none.*with_overlap_field",
+    ),
     ("plane", {"iterations": 10, "planner": "prmstar"}, "second thread"),
     ("plane", {"iterations": 0}, "iterations is 0"),
     ("plane", {"iterations": 1.5}, "iterations is 1.5"),
@@ -384,17 +408,34 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     (
         "plane",
         {"planner": "MaxClearance", "exact": True},
-        "exact is True and planner is 'MaxClearance'.*leave exact out",
+        "exact is True and planner is 'MaxClearance'; .* FREE cells; leave exact out.*'RRTConnect'",
     ),
-    ("plane", {"planner": "Grid", "iterations": 3}, "iterations is 3 and planner is 'Grid'"),
+    (
+        "plane",
+        {"planner": "Grid", "iterations": 3},
+        "iterations is 3 and planner is 'Grid'; Grid counts none",
+    ),
     (
         "yawing",
         {"drive": "dubins", "turning_radius": 1.0},
         "drive is 'dubins' and the axes are .x, y, z, yaw.*leave drive",
     ),
     ("yawing", {"start": (1.0, 2.0, 3.0)}, r"4 numbers; pass \(x, y, z, yaw\), in metres"),
-    ("plane", {"planner": "Grid", "objective": "clearance", "exact": True}, "exact is True and planner is 'Grid'"),
-    ("plane", {"planner": "MaxClearance", "objective": "clearance"}, "objective is 'clearance'"),
+    (
+        "plane",
+        {"planner": "Grid", "objective": "clearance", "exact": True},
+        "exact is True and planner is 'Grid'; .* FREE cells for objective='clearance'; .*'RRTstar'",
+    ),
+    (
+        "plane",
+        {"planner": "MaxClearance", "objective": "clearance"},
+        "objective is 'clearance' and.*'RRTstar'",
+    ),
+    (
+        "turning",
+        {"planner": "Grid", "drive": "dubins", "turning_radius": 1.0},
+        "drive is 'dubins' and planner is 'Grid'; Grid is for holonomic robots; .*'RRT'",
+    ),
     ("floating", {"start": (1.0, 2.0, 3.0)}, r"7 numbers; pass \(x, y, z, qx, qy, qz, qw\)"),
     ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "start has a quaternion of norm 2; it must be 1"),
     ("turning", {"drive": "dubins"}, "turning_radius is missing.*metres"),
@@ -427,7 +468,7 @@ def test_invalid_arguments_are_refused(name: str, wrong: dict[str, Any], message
     start, goal = ENDPOINTS[name]
     with pytest.raises(InputError, match=message) as caught:
         planners.plan(**{"space": build_room(name), "start": start, "goal": goal} | wrong)
-    assert caught.value.argument.split("[")[0].split()[0] in {*wrong, "turning_radius", "field"}
+    assert caught.value.argument.split("[")[0].split()[0] in {*wrong, "turning_radius"}
 
 
 # ---- repeatable runs -------------------------------------------------------------------------------------------------

@@ -15,7 +15,18 @@ import planners
 from cspace import Arm, ArmSpace, ConfigurationError, InputError, PoseGoal, Robot, Workspace, build_arm_space
 from cspace.arms import PosedShape
 from tests.refusals import refusals
-from tests.urdfs import planar_with_tip, pose_at, pose_of, posed_box, poses_apart, post, random_chain
+from tests.urdfs import (
+    joint,
+    link,
+    planar_with_tip,
+    pose_at,
+    pose_of,
+    posed_box,
+    poses_apart,
+    post,
+    random_chain,
+    write_urdf,
+)
 
 pytest.importorskip("yourdfpy")
 
@@ -110,10 +121,14 @@ def test_a_plan_ends_at_one_of_several_goals(tmp_path: Path, planner: str) -> No
         assert tuple(plan.start) == START
 
 
-@pytest.mark.parametrize("planner", ["PRM", "PRMstar"])
-def test_planners_with_a_second_thread_take_one_goal(tmp_path: Path, planner: str) -> None:
+@pytest.mark.parametrize(
+    "planner, reason",
+    [("PRM", "second thread"), ("PRMstar", "second thread"), ("BFMT", "may end the process")],
+)
+def test_some_planners_take_one_goal(tmp_path: Path, planner: str, reason: str) -> None:
     space = space_with_tip(tmp_path)
-    with pytest.raises(InputError, match=f"goal has 2 configurations and planner is '{planner}'.*second thread"):
+    message = f"goal has 2 configurations and planner is '{planner}'; {planner} .*{reason}"
+    with pytest.raises(InputError, match=message):
         planners.plan(space, START, [(2.9, 2.9), GOAL], planner=planner)
     assert planners.plan(space, START, [GOAL], planner=planner, time_limit=5.0).certified
 
@@ -139,6 +154,51 @@ def test_continuous_joints_end_at_wrapped_goals(tmp_path: Path) -> None:
     for planner in ("BiRRT", "RRTConnect"):
         plan = planners.plan(space, (3.0, 0.4), PoseGoal("tip", arm.pose((-3.0, 0.4), "tip")), planner=planner)
         assert plan.certified and plan.length == pytest.approx(2 * math.pi - 6.0, abs=1e-2)
+
+
+def space_with_slot(folder: Path) -> ArmSpace:
+    """Build a bar that spins and slides up, below a ring with a slot of 14 degrees between walls.
+
+    It passes the ring in the slot alone, and then cannot spin on.
+    """
+    path = write_urdf(
+        folder,
+        link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.5))),
+        link("cart"),
+        link("bar", ((1.0, 0.1, 0.1), (0.5, 0, 0))),
+        joint("spin", "foot", "cart"),
+        joint("slide", "cart", "bar", kind="prismatic", limits=(0.0, 1.2)),
+    )
+    slot, half = 2.5, 0.35
+    boxes = {}
+    for angle in np.arange(slot + half, slot - half + math.tau, 0.1).tolist():
+        x, y = 0.8 * math.cos(angle), 0.8 * math.sin(angle)
+        boxes[f"ring {angle:.1f}"] = posed_box((0.2, 0.2, 0.1), x, y, 0.5)
+    for angle in (slot - half, slot + half):
+        x, y = 0.8 * math.cos(angle), 0.8 * math.sin(angle)
+        boxes[f"wall {angle:.1f}"] = posed_box((0.2, 0.2, 1.0), x, y, 1.0)
+    return build_arm_space(boxes, Arm.from_urdf(path))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("planner", [None, "RRTConnect", "RRT"])
+def test_a_plan_tries_further_configurations(
+    tmp_path: Path,
+    planner: str | None,
+    seed: int,
+) -> None:
+    space = space_with_slot(tmp_path)
+    goal = PoseGoal("bar", pose_at(0, 0, 1), tolerance=(1e-3, math.inf))
+    first = space.arm.inverse("bar", goal.pose, tolerance=goal.tolerance, near=(0, 0), seed=seed)
+    assert len(first) == 16 and space.is_free(first).sum() > 10
+    assert not space.is_free(first)[np.abs(first[:, 0] - 2.5) < 0.3].any()
+    options: dict[str, Any] = {"planner": planner, "seed": seed, "time_limit": 20.0}
+    if planner is not None:
+        options["iterations"] = 5_000
+    plan, again = (planners.plan(space, (0.0, 0.0), goal, **options) for _ in range(2))
+    assert plan.certified
+    assert plan.goal[0] == pytest.approx(2.5, abs=0.3) and tuple(plan.path[-1]) == tuple(plan.goal)
+    np.testing.assert_array_equal(plan.path, again.path)
 
 
 @refusals(

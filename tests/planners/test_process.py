@@ -64,7 +64,9 @@ if __name__ == "__main__":
 
 @pytest.fixture(scope="module")
 def printed() -> dict[str, Any]:
-    run = subprocess.run([sys.executable, "-c", PLANS_SCRIPT], capture_output=True, text=True, check=False, timeout=300)
+    # Python's warnings are ignored, because a new release of any package may deprecate something.
+    command = [sys.executable, "-W", "ignore", "-c", PLANS_SCRIPT]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""  # neither OMPL nor its bindings warn
     document: dict[str, Any] = json.loads(run.stdout)

@@ -367,5 +367,5 @@ def test_a_plan_draws_its_path_unless_it_has_lost_its_map(plan: planners.Plan) -
 def test_a_plan_is_immutable(plan: planners.Plan) -> None:
     with pytest.raises(FrozenInstanceError):
         plan.solved = False  # type: ignore[misc]
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError):
         plan.path[0, 0] = 3.0

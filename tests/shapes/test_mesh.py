@@ -292,7 +292,7 @@ def test_a_mesh_copies_its_arrays():
     mesh = Mesh.of((vertices, TETRA_FACES))
     vertices[:] = 7.0
     assert np.stack(mesh.bounds).tolist() == [[0, 0, 0], [1, 1, 1]]
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError):
         mesh.vertices[0, 0] = 1.0
 
 

@@ -235,7 +235,7 @@ def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
     assert space.overlap_field is None and with_field.overlap_field is not None
     assert with_field.overlap_field.space is with_field and with_field.overlap_field.values.max() > 0.0
     np.testing.assert_array_equal(with_field.overlap_field.values, expected.values)
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError):
         with_field.overlap_field.values[...] = 0.0
     assert with_field.clearance(with_field.nearest_free([0.0] * space.size)) == clearance
     assert (kind == "shared") == (len(space.rotations.names) and len(space._kernel_map.states) < len(space.rotations))

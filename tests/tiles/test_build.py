@@ -53,6 +53,7 @@ def test_tiled_build_equals_the_map_in_memory(name, outside, tmp_path):
         np.testing.assert_array_equal(group["inner"][...], workspace.inner)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**16), tile=st.tuples(st.integers(1, 50), st.integers(1, 50)), data=st.data())
 def test_tiled_build_equals_the_map_in_memory_for_any_tile_and_method(seed, tile, data, tmp_path_factory):
