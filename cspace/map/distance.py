@@ -8,20 +8,24 @@ in linear time", 2000; P. Felzenszwalb and D. Huttenlocher, "Distance transforms
 functions", 2012). The nearest point of another cell lies on its borders, so parabolas stand on the
 borders between cells.
 
-*Clearance* D(p) is the distance from position p to the same cells. The look-up proves a lower bound:
+*Clearance* D(p) is the distance from position p to the same cells. The largest of three lower bounds
+is taken; c are the centers of the 2^d cells around p:
 
-* |D(p) - D(c)| <= |p - c|, because D is a distance. So D(p) >= D(c) - |p - c| for each cell, whatever
-  its state. The best of the 2^d cells around p counts.
-* D(p) is at least the distance to the box that contains all cells that are not FREE. Far outside
-  the grid, this bound is the better one.
+* D(c) - |p - c| for each c, because D changes by at most the length of a move.
+* D^2(p) - |p|^2 is concave, because it is the least of affine functions: |x|^2 - 2 p x for all
+  points x of the cells. So if p is the mean of the c with weights w, D^2(p) is at least the mean of
+  D^2(c) - |p - c|^2. The weights are those of linear interpolation along each axis, for which the mean
+  of |p - c|^2 is the sum of w (1 - w) over the axes. Beyond the outermost centers, the bound is that of
+  the nearest position among centers, less the distance to it.
+* the distance from p to the box that contains all cells that are not FREE, for p outside the grid.
 
-In the grid, the nearest center is at most sqrt(d) / 2 cells away, and D(p) <= D(c) + |p - c|. So the
-bound is less than sqrt(d) cells below D(p).
+In the grid, one c is at most sqrt(d) / 2 cells away, and D(p) <= D(c) + |p - c|. So by the first bound
+alone, the result is less than sqrt(d) cells below D(p).
 
 Rounding: the table rounds a square at most three times and its root once, by 2^-24 of each, so a
-distance by at most 2.5 * 2^-24 of it. A look-up rounds lengths by 2^-50 of them. The bound is
-multiplied by 1 - 2^-22, which covers both. The rounding of a position is below SLACK along each axis
-in and around the grid, so 4 SLACK are subtracted; far away, it is below 2^-50 of the distance.
+distance by at most 2.5 * 2^-24 of it. A look-up rounds by 2^-50. Distances are multiplied by
+1 - 2^-22 before they are used, which covers both. The rounding of a position is below SLACK along each
+axis in and around the grid, so 4 SLACK are subtracted; far away, it is below 2^-50 of the distance.
 """
 
 from __future__ import annotations
@@ -264,29 +268,46 @@ def clearance_at(map_: Map, table: DistanceTable, q: Numbers) -> float:
     """
     if state_at(map_, q) != FREE:
         return 0.0
-    s, dim, from_box = map_.rotations.slice_at(q), len(map_.lower), 0.0
+    s, dim = map_.rotations.slice_at(q), len(map_.lower)
+    from_box = from_centers = spread = 0.0
     for axis in range(dim):
-        u = position_along(map_, q, axis)
-        gap = max(0.0, table.boxes[s, 0, axis] - u, u - table.boxes[s, 1, axis])
-        from_box += gap * gap
-    best = math.sqrt(from_box)
+        u, v = position_along(map_, q, axis), position_among_centers(map_, q, axis)
+        share = v - math.floor(v)
+        spread += share * (1.0 - share)
+        from_centers += (u - 0.5 - v) ** 2
+        from_box += max(0.0, table.boxes[s, 0, axis] - u, u - table.boxes[s, 1, axis]) ** 2
+    best, mean = math.sqrt(from_box) * ROUNDING_FACTOR, 0.0
     for corner in range(1 << dim):
-        cell, square = s, 0.0
+        cell, square, weight = s, 0.0, 1.0
         for axis in range(dim):
-            count, u = map_.states.shape[axis + 1], position_along(map_, q, axis)
-            k = math.floor(u - 0.5) + ((corner >> axis) & 1)
-            k = min(max(k, 0), count - 1)
-            gap = u - k - 0.5
-            square += gap * gap
+            u, v = position_along(map_, q, axis), position_among_centers(map_, q, axis)
+            first, count = math.floor(v), map_.states.shape[axis + 1]
+            share, k = v - first, first
+            if (corner >> axis) & 1:
+                k = min(first + 1, count - 1)
+                weight *= share
+            else:
+                weight *= 1.0 - share
+            square += (u - 0.5 - k) ** 2
             cell = cell * count + k
-        best = max(best, table.cells[cell] - math.sqrt(square))
-    return max(0.0, best * ROUNDING_FACTOR - 4.0 * SLACK) * map_.spacing
+        distance = table.cells[cell] * ROUNDING_FACTOR
+        mean += weight * distance * distance
+        best = max(best, distance - math.sqrt(square))
+    if mean > spread:
+        best = max(best, math.sqrt(mean - spread) - math.sqrt(from_centers))
+    return max(0.0, best - 4.0 * SLACK) * map_.spacing
 
 
 @kernel
 def position_along(map_: Map, q: Numbers, axis: int) -> float:
     """Return a coordinate in cells; farther ones than MAX_CELL are as far from everything."""
     return min(max((q[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
+
+
+@kernel
+def position_among_centers(map_: Map, q: Numbers, axis: int) -> float:
+    """Return a coordinate in cells from the first center, at most at the last one."""
+    return min(max(position_along(map_, q, axis) - 0.5, 0.0), map_.states.shape[axis + 1] - 1.0)
 
 
 @kernel

@@ -192,7 +192,10 @@ def test_clearance_finds_a_single_cell_of_a_large_map():
     states[0, 2990, 3] = MIXED
     space = handmade.make_map(states, "plane", spacing=1.0)
     q = np.random.default_rng(0).uniform(0.0, 2500.0, (50, 2))
-    check_bounds(space, q, measure_distances(q, np.array([(2990, 3)])))
+    distances = measure_distances(q, np.array([(2990, 3)]))
+    check_bounds(space, q, distances)
+    far = distances > 20.0
+    assert far.sum() > 30 and (space.clearance(q)[far] > distances[far] - 0.02).all()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
