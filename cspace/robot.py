@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Surface
 from cspace.check import check_not_negative, check_positive
 from cspace.errors import FileError, InputError
-from cspace.files.access import suggest_name
+from cspace.files.access import suggest_converter, suggest_name
 from cspace.grid import check_reach
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
@@ -225,7 +225,7 @@ class Robot(NotebookPicture):
         Parameters
         ----------
         shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
-            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and
+            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf`` and
             ``.dae``. A warning is given if the mesh is farther from its origin than its own size.
         solid : {"auto", "surface", "fill"}
             Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a ``cspace.Mesh``.
@@ -440,7 +440,7 @@ class Robot(NotebookPicture):
         Parameters
         ----------
         path : path-like
-            Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``,
+            Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``, ``.glb``,
             ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as ``FILE.urdf#LINK,LINK``; or Nav2's
             parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
@@ -471,7 +471,8 @@ class Robot(NotebookPicture):
         if suffix not in files:
             known = ", ".join(files)
             if name and Path(name).exists():
-                raise FileError(name, f"has suffix {suffix!r}", f"robots are read from {known}", "convert the file")
+                hint = suggest_converter(Path(name)) or "convert the file"
+                raise FileError(name, f"has suffix {suffix!r}", f"robots are read from {known}", hint)
             kinds = f"pass {known}; Robot.parse takes {', '.join(primitives.SHORT_TEXTS)}"
             hint = " ".join(filter(None, (suggest_name(Path(name)), kinds)))
             raise InputError("robot", f"is {text!r}", "it must be a file that describes a robot", hint, value=path)

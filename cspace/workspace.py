@@ -510,7 +510,7 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         mesh : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
-            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and ``.dae``.
+            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf`` and ``.dae``.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
@@ -628,56 +628,13 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing, truncated or malformed.
         """
-        from cspace.files.voxels import read_octomap
+        from cspace.files.octomap import read_octomap
 
         check_word(unknown, "unknown", UNKNOWNS)
         lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied")
         with _naming_file(path):
             grid = Grid(lower, spacing, cells.shape)
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
-
-    @classmethod
-    def from_nrrd(
-        cls,
-        path: StrPath,
-        spacing: float | None = None,
-        lower: ArrayLike | None = None,
-        *,
-        threshold: float | None = None,
-    ) -> Workspace:
-        """Read a grid of values in the NRRD format, such as a label map of 3D Slicer.
-
-        The header is attached to the values, which are raw or compressed with gzip. Voxels must be cubes along the axes
-        of the file's space; axes that run downward or in another order are turned. Lengths are metres, unless the file
-        names another unit, such as mm.
-
-        Parameters
-        ----------
-        path : path-like
-            Of two or three axes.
-        spacing : float, optional
-            Side of a cell, in metres; by default the file's.
-        lower : array-like, shape (d,), optional
-            Lower corner of the grid, in metres. If left out, half a cell before the file's ``space origin``, which is
-            the center of its first voxel, or the origin if the file has none.
-        threshold : float, optional
-            Voxels of at least this value are occupied. If left out, all must be 0, free, or 1, occupied.
-
-        Raises
-        ------
-        InputError
-            If a number is invalid, neither you nor the file give the spacing, or values are not 0 and 1 and
-            ``threshold`` is left out.
-        FileError
-            If the file is missing, truncated or malformed, holds NaN, is detached from its values, or its voxels are
-            not cubes along the axes.
-        """
-        from cspace.files.voxels import read_nrrd
-
-        corner, side, cells = read_nrrd(path, spacing, lower, threshold)
-        with _naming_file(path):
-            grid = Grid(corner, side, cells.shape)
-        return cls(grid, cells, cells, source=str(path))
 
     @classmethod
     def from_moveit_scene(
@@ -733,14 +690,12 @@ class Workspace(WorkspacePlot):
         path : path-like
             ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``, ``.wkt``
             (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``, ``.jpeg``, ``.bmp``, ``.tif``,
-            ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``,
+            ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``,
             ``.ot`` (OctoMap); ``.xyz``, ``.txt``, ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud);
-            ``.npy`` (boolean array, or rows of three floats: points); ``.zarr`` (boolean array, read when needed);
-            ``.nrrd`` (grid of values).
+            ``.npy`` (boolean array, or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
         **options
-            Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps (optional for MovingAI
-            and for NRRD files that have it), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``,
-            ``radius``.
+            Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps (optional for MovingAI),
+            ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``, ``radius``.
 
         Raises
         ------

@@ -51,6 +51,12 @@ _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 _MAX_LFS_POINTER_BYTES: Final = 1024
 """Maximum size, in bytes, of a git-lfs pointer file, by its specification."""
 
+_CONVERTERS: Final = {
+    ".nrrd": "read it with pynrrd or SimpleITK, and pass the array to Workspace.from_array",
+    ".off": "convert it: trimesh.load('mesh.off').export('mesh.ply')",
+}
+"""Hint for each suffix of other formats that are easily converted."""
+
 _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a wrong line that a message quotes."""
 
@@ -134,6 +140,14 @@ def suggest_name(path: Path) -> str:
     return f"did you mean {path.with_name(names[close[0]])}?" if close else ""
 
 
+def suggest_converter(path: Path) -> str:
+    """Return a hint that names a converter of an existing file.
+
+    The text is empty if the file is missing or no converter is known.
+    """
+    return _CONVERTERS.get(path.suffix.lower(), "") if os.path.lexists(path) else ""
+
+
 def name_error(path: object) -> InputError:
     """Return the error for a value that cannot be a file name."""
     return InputError("path", f"is {path!r}", "it must be a file name", "pass a string or a pathlib.Path", value=path)
@@ -197,7 +211,7 @@ def check_suffix(path: str | os.PathLike[str], known: Iterable[str], rule: str, 
     suffix = file.suffix.lower()
     if suffix not in known:
         suffixes = f"use one of {', '.join(filter(None, known))}"
-        hint = " ".join(filter(None, (suggest_name(file), suffixes)))
+        hint = suggest_converter(file) or " ".join(filter(None, (suggest_name(file), suffixes)))
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint, value=path)
     return suffix
 

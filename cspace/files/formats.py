@@ -15,7 +15,6 @@ from cspace.files import meshes, ros, vector
 from cspace.files.access import check_file, check_suffix, decoding
 from cspace.files.chunks import ZarrArray
 from cspace.files.polygons import read_ply_header
-from cspace.files.voxels import read_nrrd_dimension
 
 _NUMPY_KIND: Final = "NumPy array"
 
@@ -45,7 +44,6 @@ WORKSPACE_FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys((".npy", ".zarr"), Format("from_array", None)),
     **dict.fromkeys(meshes.MESH_SUFFIXES, Format("from_mesh", 3)),
     **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3)),
-    ".nrrd": Format("from_nrrd", None),
     **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), Format("from_points", 3)),
     **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2)),
 }
@@ -75,8 +73,6 @@ def read_dimension(path: StrPath) -> int:
     """
     method, suffix = find_constructor(path), Path(path).suffix.lower()
     dimension = WORKSPACE_FORMATS[suffix].dimension
-    if method == "from_nrrd":
-        return read_nrrd_dimension(path)
     if dimension is None:
         array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
         dimension = 3 if method == "from_points" else int(array.ndim)

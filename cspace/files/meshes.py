@@ -1,7 +1,7 @@
 """Triangle meshes from files and from trimesh objects.
 
 A mesh is read with all of its triangles or refused. trimesh reads PLY, GLB and glTF, with ``process=False``, and a
-separate count of the file's triangles must agree with its result. This package reads STL, OBJ, OFF and COLLADA itself.
+separate count of the file's triangles must agree with its result. This package reads STL, OBJ and COLLADA itself.
 For STL the census is the reading. In OBJ files trimesh moves triangles whose corners count backwards or are written in
 mixed forms, loses those on lines with a leading blank, and cuts bent polygons into fans that leave the polygon.
 pycollada drops unknown elements and warns on NumPy 2.5.
@@ -35,7 +35,6 @@ from cspace.files.plain import check_nesting, parse_xml
 from cspace.files.polygons import (
     join_surfaces,
     read_obj,
-    read_off,
     read_ply,
     surface_bytes,
     transform_surface,
@@ -669,7 +668,6 @@ _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
     ".stl": _read_stl,
     ".obj": read_obj,
     ".ply": _read_ply,
-    ".off": read_off,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
     ".dae": read_collada,

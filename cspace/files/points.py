@@ -14,10 +14,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arrays import Floats, StrPath
-from cspace.compiling import jit
 from cspace.errors import GeometryError
 from cspace.files.access import (
     ContentError,
@@ -30,16 +28,12 @@ from cspace.files.access import (
 )
 from cspace.files.formats import read_npy
 from cspace.files.polygons import read_ply
-from cspace.limits import check_bytes
 
 _PCD_KIND: Final = "PCD file"
 
 _PCD_TYPES: Final = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
 _MAX_POINT_BYTES: Final = 2**20
 """Maximum size of one point in bytes, far more than any scanner or descriptor writes."""
-
-_MAX_LZF_RATIO: Final = 88
-"""Maximum number of bytes that one byte of LZF unpacks to: three bytes can copy 264."""
 
 _PCD_KEYS: Final = (
     *("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT"),
@@ -58,8 +52,8 @@ def read_points(path: StrPath) -> Floats:
     Raises GeometryError if there are no points, or if a ``.ply`` has surfaces other than faces. Also if a point is
     not finite: many sensors write NaN where they saw nothing, which is neither free nor occupied.
     """
-    read = CLOUD_READERS[check_suffix(path, CLOUD_READERS, "the suffix selects the format", "points")]
-    read = CLOUD_READERS[check_suffix(path, CLOUD_READERS, "the suffix says how a cloud is written", "points")]
+    suffix = check_suffix(path, CLOUD_READERS, "the suffix selects the format", "points")
+    read = CLOUD_READERS[suffix]
     with decoding(path, "point cloud"):
         points = read(path)
         if not len(points):
@@ -121,14 +115,13 @@ class _PcdHeader:
 def read_pcd(path: str | os.PathLike[str]) -> Floats:
     """Read the coordinates of a ``.pcd`` file, shape (n, 3).
 
-    They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may be ``ascii``,
-    ``binary`` or ``binary_compressed``. The fields ``x``, ``y`` and ``z`` may have any numeric type; others are
-    skipped. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. Truncation of an ``ascii`` file within its
-    last number cannot be detected.
+    They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may be ``ascii`` or
+    ``binary``. The fields ``x``, ``y`` and ``z`` may have any numeric type; others are skipped. ``VIEWPOINT`` is not
+    applied, as in the Point Cloud Library. Truncation of an ``ascii`` file within its last number cannot be detected.
     """
     content = read_bytes(path, _PCD_KIND, memory=12.0)
     header, end = _parse_pcd_header(content)
-    points = _DECODERS[header.data](header, content[end:], os.fspath(path))
+    points = _DECODERS[header.data](header, content[end:])
     return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
 
 
@@ -176,13 +169,16 @@ def _check_pcd_header(entries: dict[str, list[str]], lines: int) -> _PcdHeader:
     if length > _MAX_POINT_BYTES:
         raise ContentError(f"says {length} bytes per point, by SIZE and COUNT; at most {_MAX_POINT_BYTES} are read")
     data = " ".join(entries["DATA"])
+    if data == "binary_compressed":
+        hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
+        raise ContentError("holds compressed points", "only ascii and binary are read", hint)
     if data not in _DECODERS:
         raise ContentError(f"says DATA {data!r:.60}", f"it must be one of {', '.join(_DECODERS)}", "write it again")
     dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
     return _PcdHeader(fields, dtypes, counts, points, data, lines)
 
 
-def _decode_ascii(header: _PcdHeader, body: bytes, file: str) -> Floats:
+def _decode_ascii(header: _PcdHeader, body: bytes) -> Floats:
     """Decode the points of a text PCD file, shape (n, 3)."""
     rows = read_columns(body.decode("latin-1"), header.lines + 1)
     starts = np.cumsum([0, *header.counts])
@@ -193,7 +189,7 @@ def _decode_ascii(header: _PcdHeader, body: bytes, file: str) -> Floats:
     return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
 
 
-def _decode_binary(header: _PcdHeader, body: bytes, file: str) -> Floats:
+def _decode_binary(header: _PcdHeader, body: bytes) -> Floats:
     """Decode the points of a binary PCD file, shape (n, 3)."""
     record = header.record
     if len(body) < header.points * record.itemsize:
@@ -202,78 +198,9 @@ def _decode_binary(header: _PcdHeader, body: bytes, file: str) -> Floats:
     return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
 
 
-def _decode_compressed(header: _PcdHeader, body: bytes, file: str) -> Floats:
-    """Unpack points that are stored field after field.
-
-    The packed and unpacked sizes come first; LZF packs the rest.
-    """
-    wanted = header.points * header.record.itemsize
-    if header.points == 0:
-        return np.zeros((0, 3))
-    if len(body) < 8:
-        raise ContentError(f"holds {len(body)} bytes after its header; it needs at least 8")
-    packed, unpacked = (int(size) for size in np.frombuffer(body, dtype="<u4", count=2))
-    if len(body) - 8 < packed:
-        raise ContentError(f"holds {len(body) - 8} bytes of packed points but its header says {packed}")
-    if unpacked != wanted:
-        size = f"{header.points} points of {header.record.itemsize} bytes are {wanted}"
-        raise ContentError(f"says {unpacked} bytes of points; {size}")
-    if wanted > _MAX_LZF_RATIO * packed:
-        raise ContentError(f"says {packed} packed bytes for {wanted}; one unpacks to at most {_MAX_LZF_RATIO}")
-    check_bytes(file, wanted, "unpacks to", memory=4.0)
-    plain = np.empty(wanted, dtype=np.uint8)
-    if unpack_lzf(np.frombuffer(body, dtype=np.uint8, count=packed, offset=8), plain) != wanted:
-        raise ContentError(f"does not unpack to the declared {wanted} bytes")
-    widths = [header.points * kind.itemsize * n for kind, n in zip(header.types, header.counts, strict=True)]
-    starts = np.cumsum([0, *widths])
-    columns = [plain[starts[n] : starts[n + 1]].view(header.types[n]) for n in header.xyz]
-    return np.stack([column.astype(np.float64) for column in columns], axis=1)
-
-
-@jit
-def unpack_lzf(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
-    """Unpack LZF (Lehmann) into `out`.
-
-    LZF alternates runs of literal bytes and copies of bytes written before. Return the number of bytes written, or
-    -1 if the packed bytes are truncated, refer back before the first byte, or exceed `out`.
-    """
-    read, written = 0, 0
-    while read < len(packed):
-        control = np.int64(packed[read])
-        read += 1
-        if control < 32:
-            length = control + 1
-            if read + length > len(packed) or written + length > len(out):
-                return -1
-            for _ in range(length):
-                out[written] = packed[read]
-                written += 1
-                read += 1
-            continue
-        length = control >> 5
-        if length == 7:
-            if read == len(packed):
-                return -1
-            length += np.int64(packed[read])
-            read += 1
-        length += 2
-        if read == len(packed):
-            return -1
-        source = written - ((control & 31) << 8) - np.int64(packed[read]) - 1
-        read += 1
-        if source < 0 or written + length > len(out):
-            return -1
-        for _ in range(length):
-            out[written] = out[source]
-            written += 1
-            source += 1
-    return written
-
-
-_DECODERS: Final[dict[str, Callable[[_PcdHeader, bytes, str], Floats]]] = {
+_DECODERS: Final[dict[str, Callable[[_PcdHeader, bytes], Floats]]] = {
     "ascii": _decode_ascii,
     "binary": _decode_binary,
-    "binary_compressed": _decode_compressed,
 }
 
 CLOUD_READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {

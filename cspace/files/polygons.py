@@ -1,10 +1,10 @@
-"""Triangle surfaces from OBJ, OFF and PLY files.
+"""Triangle surfaces from OBJ and PLY files.
 
-Unambiguous polygons are cut into triangles. OBJ and OFF are texts of vertices and polygons. trimesh reads the elements
-of PLY (Turk, 1994); this module parses its header, for meshes and point clouds.
+Unambiguous polygons are cut into triangles. trimesh reads the elements of PLY (Turk, 1994); this module
+parses its header, for meshes and point clouds.
 """
 
-# OBJ, OFF and polygons of four or more corners are read here because trimesh 5.2 and meshio move or lose their faces.
+# OBJ and polygons of four or more corners are read here because trimesh 5.2 and meshio move or lose their faces.
 
 from __future__ import annotations
 
@@ -270,38 +270,6 @@ def _parse_indices(corners: list[bytes], before: Ints) -> Ints:
     if (numbers == 0).any():
         raise ContentError("has a face that names vertex 0; vertices count from 1")
     return np.where(numbers > 0, numbers - 1, before + numbers)
-
-
-def read_off(file: Path) -> Surface:
-    """Read the triangles of an OFF file.
-
-    Normals, colours and texture coordinates are skipped.
-
-    Raises FileError if the file is truncated or has another number of lines than declared. Raises GeometryError if it
-    is binary, its vertices do not have three coordinates, or a polygon's triangles are ambiguous.
-    """
-    text = re.sub(rb"#[^\r\n]*", b"", read_bytes(file, "mesh", memory=20.0))
-    head = re.match(rb"\s*((?:ST)?C?N?)(4?n?)OFF\b([ \t]+BINARY)?", text)
-    if not head:
-        raise ContentError("does not begin with OFF")
-    if head[2] or head[3]:
-        what = "binary data" if head[3] else "vertices with more or fewer than three coordinates"
-        raise unsupported_part(f"{what} ({head[0].decode().strip()})")
-    rows = [tokens for line in text[head.end() :].splitlines() if (tokens := line.split())]
-    if not rows or len(rows[0]) not in (2, 3):
-        raise ContentError("lacks the numbers of vertices and faces after OFF")
-    count, polygons = int(rows[0][0]), int(rows[0][1])
-    if len(rows) != 1 + count + polygons:
-        raise ContentError(f"declares {count} vertices and {polygons} faces but has {len(rows) - 1} lines of them")
-    points, faces = rows[1 : count + 1], rows[count + 1 :]
-    if points and (min(map(len, points)) < 3 or len(set(map(len, points))) > 1):
-        raise ContentError("has lines of vertices of unequal length; each has x, y and z, and the same extra words")
-    sizes = parse_numbers([row[0] for row in faces], int)
-    if any(len(row) <= size for row, size in zip(faces, sizes.tolist(), strict=True)):
-        raise ContentError("has a face with fewer corners than declared")
-    corners = [word for row, size in zip(faces, sizes.tolist(), strict=True) for word in row[1 : size + 1]]
-    vertices = parse_numbers([word for row in points for word in row[:3]], float).reshape(-1, 3)
-    return vertices, triangulate(vertices, parse_numbers(corners, int), sizes)
 
 
 PLY_KIND: Final = "PLY file"

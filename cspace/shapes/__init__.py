@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import GeometryError, InputError
-from cspace.files.access import suggest_name
+from cspace.files.access import suggest_converter, suggest_name
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import Point as Point
@@ -151,5 +151,5 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
         return Polygons(read_shapes(source))
     rule = f"it must be a short text, WKT, or a file that ends in {', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
     kinds = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
-    hint = " ".join(filter(None, (suggest_name(Path(source)), kinds)))
+    hint = suggest_converter(Path(source)) or " ".join(filter(None, (suggest_name(Path(source)), kinds)))
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)

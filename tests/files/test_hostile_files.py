@@ -259,7 +259,7 @@ def make_chain(depths: int) -> bytes:
     (
         "a.pcd",
         lambda path: path.write_text(
-            "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary_compressed\n" + "a" * 64
+            "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary\n" + "a" * 64
         ),
         "malformed or truncated",
     ),
@@ -377,7 +377,7 @@ def test_points_are_limited_by_their_memory_as_objects(
 
 
 @pytest.mark.parametrize("fill", [" ", "\n", "0"])
-@pytest.mark.parametrize("name", ["text.stl", "shapes.wkt", "text.ply", "box.obj", "box.off", "map.yaml"])
+@pytest.mark.parametrize("name", ["text.stl", "shapes.wkt", "text.ply", "box.obj", "map.yaml"])
 def test_long_runs_are_read_in_linear_time(families: dict[str, Path], name: str, fill: str) -> None:
     """A quadratic algorithm would take many minutes."""
     path, run = families[name], 100_000 * fill
@@ -459,14 +459,13 @@ def write_polygon(path: Path, vertices: list[str], corners: list[int]) -> Path:
     ply = f"ply\nformat ascii 1.0\nelement vertex {count}\n{head}element face 1\n"
     texts = {
         ".obj": [*(f"v {vertex}" for vertex in vertices), "f " + " ".join(str(corner + 1) for corner in corners)],
-        ".off": ["OFF", f"{count} 1 0", *vertices, f"{len(corners)} {face}"],
         ".ply": [f"{ply}property list int int vertex_indices\nend_header", *vertices, f"{len(corners)} {face}"],
     }
     path.write_text("\n".join(texts[path.suffix]) + "\n")
     return path
 
 
-@pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
+@pytest.mark.parametrize("name", ["a.obj", "a.ply"])
 def test_a_face_of_coincident_corners_takes_linear_memory(tmp_path: Path, name: str) -> None:
     count = 5_000  # of which the square is 200 MB
     path = write_polygon(tmp_path / name, ["0 0 0"] * count, [*range(count)])
@@ -479,7 +478,7 @@ def test_a_face_of_coincident_corners_takes_linear_memory(tmp_path: Path, name: 
     assert peak < 20_000_000
 
 
-@pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
+@pytest.mark.parametrize("name", ["a.obj", "a.ply"])
 @pytest.mark.parametrize("corners", [[0] * 60_000, [0, 1, 2, 3] * 15_000], ids=["one corner", "many rounds"])
 def test_a_face_that_repeats_few_vertices_is_refused(tmp_path: Path, name: str, corners: list[int]) -> None:
     check_refused(write_polygon(tmp_path / name, SQUARE, corners), "repeat only", spacing=0.1)

@@ -12,66 +12,26 @@ from hypothesis import strategies as st
 
 from cspace import Workspace
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.files.points import read_points, unpack_lzf
+from cspace.files.points import read_points
 from tests.refusals import refusals
-from tests.strategies import seeds
 
 CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]])
 """A cloud that single precision holds exactly."""
 
 
-def pack_lzf(data: bytes) -> bytes:
-    """Pack by LZF, by literals and copies."""
-    out, literals, seen, at = bytearray(), bytearray(), {}, 0
-
-    def flush():
-        for start in range(0, len(literals), 32):
-            part = literals[start : start + 32]
-            out.append(len(part) - 1)
-            out.extend(part)
-        literals.clear()
-
-    while at < len(data):
-        key = data[at : at + 3]
-        back = at - seen.get(key, -1) - 1 if key in seen and len(key) == 3 else None
-        seen[key] = at
-        if back is None or back >= 8192:
-            literals.append(data[at])
-            at += 1
-            continue
-        length = 3
-        while length < 264 and at + length < len(data) and data[at + length] == data[at + length - back - 1]:
-            length += 1
-        flush()
-        if length - 2 < 7:
-            out.append((length - 2) << 5 | back >> 8)
-        else:
-            out.extend((7 << 5 | back >> 8, length - 9))
-        out.append(back & 255)
-        at += length
-    flush()
-    return bytes(out)
-
-
-def make_pcd(points, data, fields="rgb x _ y z", sizes="4 4 1 8 4", types="U F U F F", counts="1 1 3 1 1"):
+def make_pcd(points, data):
     """Return a PCD file with fields of several types."""
     header = (
-        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\n"
-        f"COUNT {counts}\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {data}\n"
+        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS rgb x _ y z\nSIZE 4 4 1 8 4\nTYPE U F U F F\n"
+        f"COUNT 1 1 3 1 1\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {data}\n"
     ).encode()
     rows = [(7 * n, x, 1, 2, 3, y, z) for n, (x, y, z) in enumerate(points)]
     if data == "ascii":
         return header + "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
-    if data == "binary":
-        return header + b"".join(struct.pack("<If3Bdf", *row) for row in rows)
-    columns = [[row[0] for row in rows], [row[1] for row in rows], [v for row in rows for v in row[2:5]]]
-    columns += [[row[5] for row in rows], [row[6] for row in rows]]
-    plain = b"".join(struct.pack(f"<{len(c)}{k}", *c) for c, k in zip(columns, "IfBdf", strict=True))
-    packed = pack_lzf(plain)
-    return header + struct.pack("<II", len(packed), len(plain)) + packed
+    return header + b"".join(struct.pack("<If3Bdf", *row) for row in rows)
 
 
-ENCODINGS = ["ascii", "binary", "binary_compressed"]
+ENCODINGS = ["ascii", "binary"]
 
 
 def make_ply(points, form):
@@ -133,10 +93,6 @@ def test_truncated_pcd_is_refused_with_the_counts(tmp_path):
         write(tmp_path, "a.pcd", "\n".join(lines[:-2]) + "\n")
     )
     assert f"line {len(lines)} is" in check_refused(write(tmp_path, "b.pcd", content[:-8]))
-    packed = make_pcd(CLOUD, "binary_compressed")
-    size = len(packed) - packed.index(b"compressed\n") - len(b"compressed\n") - 8
-    message = check_refused(write(tmp_path, "c.pcd", packed[:-10]))
-    assert f"holds {size - 10} bytes of packed points but its header says {size}" in message
 
 
 @refusals(
@@ -144,6 +100,7 @@ def test_truncated_pcd_is_refused_with_the_counts(tmp_path):
     ("FIELDS rgb x _ y z\n", "", "lacks FIELDS"),
     ("DATA binary\n", "", "line 11"),
     ("DATA binary", "DATA zip", "DATA 'zip'"),
+    ("DATA binary", "DATA binary_compressed", "pcl_convert_pcd_ascii_binary in.pcd out.pcd 1"),
     ("POINTS 5", "POINTS 6", "6 points in 5 x 1"),
     ("POINTS 5", "POINTS five", "malformed header"),
     ("POINTS 5", "POINTS", "malformed header"),
@@ -167,42 +124,6 @@ def test_pcd_headers_are_checked(tmp_path, old, new, message):
         assert (read_points(path) == CLOUD).all()
     else:
         assert message in check_refused(path)
-
-
-def test_damaged_packed_pcd_is_refused(tmp_path):
-    content = make_pcd(CLOUD, "binary_compressed")
-    start = content.index(b"compressed\n") + len(b"compressed\n")
-    packed, plain = struct.unpack("<II", content[start : start + 8])
-    wrong = content[:start] + struct.pack("<II", packed, plain + 1) + content[start + 8 :]
-    assert f"says {plain + 1} bytes" in check_refused(write(tmp_path, "a.pcd", wrong))
-    short = content[:start] + struct.pack("<II", packed - 1, plain) + content[start + 8 :]
-    assert "does not unpack" in check_refused(write(tmp_path, "b.pcd", short))
-    back = content[:start] + struct.pack("<II", 3, plain) + b"\x20\xff\xff"
-    assert "does not unpack" in check_refused(write(tmp_path, "c.pcd", back))
-
-
-@given(seeds, st.integers(0, 3000), st.sampled_from([1, 2, 5, 256]))
-def test_lzf_unpacks_what_was_packed(seed, size, letters):
-    data = np.random.default_rng(seed).integers(0, letters, size).astype(np.uint8).tobytes()
-    out = np.empty(size, dtype=np.uint8)
-    assert unpack_lzf(np.frombuffer(pack_lzf(data), dtype=np.uint8), out) == size
-    assert out.tobytes() == data
-
-
-@given(st.binary(max_size=100), st.integers(0, 50))
-def test_no_bytes_crash_the_unpacker(packed, size):
-    out = np.zeros(size + 64, dtype=np.uint8)
-    written = unpack_lzf(np.frombuffer(packed, dtype=np.uint8), out[:size])
-    assert -1 <= written <= size
-    assert not out[size:].any()
-
-
-@pytest.mark.parametrize(
-    "packed",
-    [b"\x20\x00", b"\x00a\x20\x01", b"\x01a", b"\x00a\xe0", b"\x00a\xe0\x01", b"\x00a\x20", b"\x00a\xe0\xff\x00"],
-)
-def test_damaged_lzf_returns_an_error(packed):
-    assert unpack_lzf(np.frombuffer(packed, dtype=np.uint8), np.zeros(64, dtype=np.uint8)) == -1
 
 
 @pytest.mark.parametrize("form", ["binary", "ascii"])
@@ -332,28 +253,6 @@ def test_other_names_are_refused(tmp_path):
 def test_pcd_with_absurd_counts_is_refused(tmp_path, encoding, count, number):
     content = make_pcd(CLOUD[:number], encoding).replace(b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode())
     assert "bytes per point, by SIZE and COUNT" in check_refused(write(tmp_path, "cloud.pcd", content))
-
-
-def test_pcd_that_declares_more_than_it_can_unpack_to_is_refused(tmp_path, monkeypatch):
-    content = (
-        make_pcd(CLOUD, "binary_compressed")
-        .replace(b"WIDTH 5", b"WIDTH 150000000")
-        .replace(b"POINTS 5", b"POINTS 150000000")
-    )
-    start = content.index(b"compressed\n") + len(b"compressed\n")
-    packed = struct.unpack("<I", content[start : start + 4])[0]
-    content = content[:start] + struct.pack("<II", packed, 23 * 150000000) + content[start + 8 :]
-    assert "one unpacks to at most 88" in check_refused(write(tmp_path, "cloud.pcd", content))
-
-
-def test_pcd_of_equal_points_is_read_however_well_it_packs(tmp_path):
-    points = np.full((5000, 3), 0.5)
-    content = make_pcd(points, "binary_compressed", "x y z", "4 4 4", "F F F", "1 1 1")
-    start = content.index(b"compressed\n") + len(b"compressed\n")
-    packed = pack_lzf(np.full(15000, 0.5, "<f4").tobytes())
-    path = write(tmp_path, "cloud.pcd", content[:start] + struct.pack("<II", len(packed), 60000) + packed)
-    assert len(packed) < 60000 / 80
-    assert (read_points(path) == points).all()
 
 
 def make_npy_header(shape, kind="<f8", version=1):

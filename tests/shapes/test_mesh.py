@@ -27,7 +27,6 @@ EXPORT_OPTIONS = {
     "mesh.obj": {"file_type": "obj"},
     "binary.ply": {"file_type": "ply"},
     "text.ply": {"file_type": "ply", "encoding": "ascii"},
-    "mesh.off": {"file_type": "off"},
     "mesh.glb": {"file_type": "glb"},
 }
 

@@ -7,7 +7,6 @@ that agree with the change, as an attacker would write them.
 
 from __future__ import annotations
 
-import gzip
 import json
 import multiprocessing
 import re
@@ -73,7 +72,7 @@ def write_families(folder: Path) -> dict[str, Path]:
     )
     put("shapes.wkt", "\n".join(shape.wkt for shape in shapes))
     box = trimesh.creation.box((1.0, 2.0, 3.0))
-    for suffix in ("stl", "obj", "ply", "off", "glb"):
+    for suffix in ("stl", "obj", "ply", "glb"):
         box.export(folder / f"box.{suffix}")
     gltf = trimesh.exchange.gltf.export_gltf(trimesh.Scene(box), embed_buffers=True)
     put("box.gltf", gltf["model.gltf"])
@@ -108,20 +107,11 @@ def write_families(folder: Path) -> dict[str, Path]:
     inner, taken, free = (np.float32(value).tobytes() for value in (0.8, 0.8, -0.4))
     nodes = (inner + b"\1") * 15 + inner + b"\x11" + taken + b"\0" + free + b"\0"
     put("tree.ot", b"# Octomap OcTree file\nid OcTree\nsize 18\nres 0.1\ndata\n" + nodes)
-    values = np.where(cells, 3, 0).astype("<u2").tobytes(order="F")
-    head = "NRRD0004\ntype: ushort\ndimension: 2\nsizes: 6 5\nendian: little\nspace dimension: 2\n"
-    head += 'space directions: (100,0) (0,100)\nspace origin: (50,-50)\nspace units: "mm" "mm"\n'
-    put("grid.nrrd", f"{head}encoding: raw\n\n".encode() + values)
-    put("packed.nrrd", f"{head}encoding: gzip\n\n".encode() + gzip.compress(values))
     points = np.random.default_rng(0).random((9, 3))
     put("points.xyz", "\n".join(" ".join(map(repr, row)) for row in points.tolist()))
     put("points.csv", "\n".join(",".join(map(repr, row)) for row in points.tolist()))
     head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 9\nHEIGHT 1\nPOINTS 9\nDATA "
     put("points.pcd", f"{head}binary\n".encode() + points.astype("<f4").tobytes())
-    packed = points.astype("<f4").T.tobytes()
-    lzf = b"".join(bytes([len(part) - 1]) + part for part in (packed[i : i + 32] for i in range(0, len(packed), 32)))
-    sizes = np.array([len(lzf), len(packed)], dtype="<u4").tobytes()
-    put("packed.pcd", f"{head}binary_compressed\n".encode() + sizes + lzf)
     np.save(folder / "points.npy", points)
     np.save(folder / "cells.npy", cells)
     balls = BallDecomposition([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", *([Bounds(0.1, 0.3)] * 3))
@@ -198,7 +188,7 @@ def open_file(path: Path) -> object:
     if path.name.startswith("request"):
         return read_moveit_request(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
-    options = {".yaml": {}, ".bt": {}, ".ot": {}, ".nrrd": {"threshold": 1.0}}.get(path.suffix, {"spacing": 0.5})
+    options = {".yaml": {}, ".bt": {}, ".ot": {}}.get(path.suffix, {"spacing": 0.5})
     return Workspace.open(path, **options).outer
 
 
