@@ -139,16 +139,7 @@ def _convert_image(image: Image) -> Shades:
 
     Raises an error if the meaning of its pixels is unknown.
     """
-    is_clear, most = image.has_transparency_data, 255
-    if image.mode in ("1", "L") and not is_clear:
-        channels = "L"
-    # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
-    elif (image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM"))) and not is_clear:
-        channels, most = image.mode, 65535
-    elif image.mode in ("1", "L", *COLOUR_MODES):
-        channels, most = "RGBA" if is_clear else "RGB", 3 * 255
-    else:
-        raise _unknown_pixels(image)
+    channels, most = _choose_channels(image)
     levels = np.empty(image.size, dtype=np.uint8 if most == 255 else np.uint16)
     opaque = np.empty(image.size, dtype=np.bool_) if channels == "RGBA" else None
     for top in range(0, image.height, ROWS_PER_BAND):
@@ -168,6 +159,20 @@ def _convert_image(image: Image) -> Shades:
                 raise _unknown_pixels(image)
         copy_transposed(rows, levels[:, low:high])
     return Shades(levels, most, True if opaque is None else opaque)
+
+
+def _choose_channels(image: Image) -> tuple[str, int]:
+    """Return the mode in which to read an image, and its largest shade."""
+    is_clear = image.has_transparency_data
+    # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
+    is_deep = image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM"))
+    if image.mode in ("1", "L") and not is_clear:
+        return "L", 255
+    if is_deep and not is_clear:
+        return image.mode, 65535
+    if image.mode in ("1", "L", *COLOUR_MODES):
+        return "RGBA" if is_clear else "RGB", 3 * 255
+    raise _unknown_pixels(image)
 
 
 def _unknown_pixels(image: Image) -> ContentError:

@@ -183,12 +183,16 @@ def _instances(header: dict[str, Any]) -> Iterator[int]:
         if "camera" in node and ("mesh" in node or node.get("children")):
             raise unsupported_part("a mesh at or below a camera", "hang the camera below the mesh")
         if "mesh" in node:
-            mesh = _look_up(header, "meshes", node["mesh"])
-            if "skin" in node:
-                raise unsupported_part("a mesh that a skin moves", "apply its pose and export it without the skin")
-            if any(node.get("weights", mesh.get("weights", []))):
-                raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
+            _refuse_moved_mesh(node, _look_up(header, "meshes", node["mesh"]))
             yield node["mesh"]
+
+
+def _refuse_moved_mesh(node: dict[str, Any], mesh: dict[str, Any]) -> None:
+    """Refuse a mesh that a skin or a morph moves."""
+    if "skin" in node:
+        raise unsupported_part("a mesh that a skin moves", "apply its pose and export it without the skin")
+    if any(node.get("weights", mesh.get("weights", []))):
+        raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
 
 def _check_points(points: Floats, accessor: dict[str, Any]) -> None:

@@ -151,31 +151,46 @@ def _check_pcd_header(entries: dict[str, list[str]], lines: int) -> _PcdHeader:
     try:
         sizes = [int(word) for word in entries["SIZE"]]
         counts = tuple(int(word) for word in entries.get("COUNT", ["1"] * len(fields)))
-        grid = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
-        points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(grid)
+        points = _parse_pcd_size(entries)
     except (ValueError, IndexError) as error:
         raise ContentError(f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
     types = list(zip(entries["TYPE"], sizes, strict=False))
-    if not (len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)) or not set(types) <= _PCD_TYPES:
+    complete = len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)
+    if not complete or not set(types) <= _PCD_TYPES or min(counts, default=0) < 0:
         rule = "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count"
         raise ContentError(f"has fields {fields} of types {types} and counts {counts}; {rule}")
     coordinates = [field for field in fields if field in ("x", "y", "z")]
     if sorted(coordinates) != ["x", "y", "z"] or any(counts[fields.index(axis)] != 1 for axis in "xyz"):
         raise ContentError(f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
-    if min(*counts, points, *grid) < 0 or (len(grid) == 2 and math.prod(grid) != points):
-        size = " x ".join(map(str, grid))
-        raise ContentError(f"says {points} points in {size}, with counts {counts}, which do not agree")
     length = sum(size * count for size, count in zip(sizes, counts, strict=True))
     if length > _MAX_POINT_BYTES:
         raise ContentError(f"says {length} bytes per point, by SIZE and COUNT; at most {_MAX_POINT_BYTES} are read")
+    dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
+    return _PcdHeader(fields, dtypes, counts, points, _parse_pcd_data(entries), lines)
+
+
+def _parse_pcd_size(entries: dict[str, list[str]]) -> int:
+    """Return the number of points.
+
+    Raises ValueError or IndexError if an entry is no number.
+    """
+    grid = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
+    points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(grid)
+    if min([points, *grid]) < 0 or (len(grid) == 2 and math.prod(grid) != points):
+        size = " x ".join(map(str, grid))
+        raise ContentError(f"says {points} points in {size}, which do not agree")
+    return points
+
+
+def _parse_pcd_data(entries: dict[str, list[str]]) -> str:
+    """Return the encoding of the points."""
     data = " ".join(entries["DATA"])
     if data == "binary_compressed":
         hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
         raise ContentError("holds compressed points", "only ascii and binary are read", hint)
     if data not in _DECODERS:
         raise ContentError(f"says DATA {data!r:.60}", f"it must be one of {', '.join(_DECODERS)}", "write it again")
-    dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
-    return _PcdHeader(fields, dtypes, counts, points, data, lines)
+    return data
 
 
 def _decode_ascii(header: _PcdHeader, body: bytes) -> Floats:

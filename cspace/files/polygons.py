@@ -393,32 +393,52 @@ def _check_elements(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Int
 
 def _parse_ply_header(content: bytes) -> PlyHeader:
     """Parse the header of a PLY file."""
+    lines = iterate_header_lines(content)
+    first, _ = next(lines, ("", 0))
+    if first.split() != ["ply"]:
+        raise _ply_header_error()
     counts: dict[str, int] = {}
     properties: dict[str, list[tuple[str, bool]]] = {}
     form, name = "", ""
-    for number, (line, after) in enumerate(iterate_header_lines(content)):
-        tokens = line.split()
-        if number == 0 and tokens != ["ply"]:
-            break
-        if tokens[:1] == ["format"] and len(tokens) == 3:
-            form = tokens[1]
-        elif tokens[:1] == ["element"] and len(tokens) == 3 and is_count(tokens[2]) and tokens[1] not in counts:
-            name = tokens[1]
-            counts[name], properties[name] = int(tokens[2]), []
-        elif tokens[:1] == ["property"] and name and len(tokens) == (5 if tokens[1:2] == ["list"] else 3):
-            properties[name].append((tokens[-1], len(tokens) == 5))
-        elif tokens == ["end_header"] and "vertex" in counts and form in _PLY_FORMATS:
-            known = ("face", "range_grid")
-            strange = [e for e in counts if e not in known and counts[e] and any(listed for _, listed in properties[e])]
-            if strange:
-                problem = f"has elements {', '.join(strange)} with lists, which may be surfaces"
-                rule, hint = "only 'face' is read, so they would be lost", "write it with faces, e.g. with MeshLab"
-                raise ContentError(problem, rule, hint, kind=GeometryError)
-            return PlyHeader(form == "ascii", counts, properties, after)
-        elif number and tokens[:1] not in (["comment"], ["obj_info"], []):
-            break
+    for line, after in lines:
+        match line.split():
+            case ["format", form, _]:
+                pass
+            case ["element", name, count] if is_count(count) and name not in counts:
+                counts[name] = int(count)
+                properties[name] = []
+            case ["property", "list", _, _, label] if name:
+                properties[name].append((label, True))
+            case ["property", kind, label] if name and kind != "list":
+                properties[name].append((label, False))
+            case ["end_header"] if "vertex" in counts and form in _PLY_FORMATS:
+                _check_ply_lists(counts, properties)
+                return PlyHeader(form == "ascii", counts, properties, after)
+            case ["comment" | "obj_info", *_] | []:
+                pass
+            case _:
+                raise _ply_header_error()
+    raise _ply_header_error()
+
+
+def _check_ply_lists(counts: dict[str, int], properties: dict[str, list[tuple[str, bool]]]) -> None:
+    """Refuse elements other than faces that have lists."""
+    strange = []
+    for element, count in counts.items():
+        has_list = any(is_list for _, is_list in properties[element])
+        if count and has_list and element not in ("face", "range_grid"):
+            strange.append(element)
+    if strange:
+        problem = f"has elements {', '.join(strange)} with lists, which may be surfaces"
+        rule = "only 'face' is read, so they would be lost"
+        raise ContentError(problem, rule, "write it with faces, e.g. with MeshLab", kind=GeometryError)
+
+
+def _ply_header_error() -> ContentError:
+    """Return the error for a header that is not one of PLY."""
     rule = "it must go from 'ply' and 'format' to 'end_header', with 'element vertex' once"
-    raise ContentError("has no whole PLY header", rule, "the file is truncated or of another format; fetch it again")
+    hint = "the file is truncated or of another format; fetch it again"
+    return ContentError("has no whole PLY header", rule, hint)
 
 
 def _read_corners(data: Any, name: str, header: PlyHeader) -> tuple[Ints, Ints]:

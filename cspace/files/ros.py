@@ -115,11 +115,25 @@ def _read_header(path: str | os.PathLike[str]) -> _MapHeader:
     if missing:
         present = ", ".join(document) or "nothing"
         raise _key_error(f"{missing[0]} is missing", f"there, besides {present:.200}", f"add '{missing[0]}:'")
-    image, mode, negate = document["image"], document.get("mode", "trinary"), document["negate"]
+    image = document["image"]
     if not isinstance(image, str) or not image or "\0" in image:
         raise _key_error(f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
+    mode = document.get("mode", "trinary")
     if not isinstance(mode, str) or mode not in MODES:
         raise _key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
+    resolution, x, y, yaw = _parse_placement(document)
+    negate = document["negate"]
+    if isinstance(negate, list | dict) or negate not in (0, 1):
+        raise _key_error(f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' if dark pixels are obstacles")
+    if negate and mode == "raw":
+        raise _key_error("negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on its effect", "remove it")
+    occupied, free = _parse_thresholds(document)
+    info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
+    return _MapHeader(info, _image_path(path, image), mode, bool(negate), occupied, free)
+
+
+def _parse_placement(document: dict[str, Any]) -> tuple[float, float, float, float]:
+    """Return the resolution, and x, y and yaw of the origin."""
     resolution = _finite_number(document["resolution"], "resolution")
     if not 1.0 / _MAX_METRES <= resolution <= _MAX_METRES:
         rule = f"metres per cell, above zero, from {1.0 / _MAX_METRES:g} to {_MAX_METRES:g}"
@@ -130,20 +144,20 @@ def _read_header(path: str | os.PathLike[str]) -> _MapHeader:
     x, y, yaw = (_finite_number(value, f"origin[{i}]") for i, value in enumerate(origin))
     if max(abs(x), abs(y)) > _MAX_METRES:
         raise _key_error(f"origin is {origin!r:.60}", f"metres, at most {_MAX_METRES:g}", "check its units")
-    if isinstance(negate, list | dict) or negate not in (0, 1):
-        raise _key_error(f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' if dark pixels are obstacles")
-    if negate and mode == "raw":
-        raise _key_error("negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on its effect", "remove it")
-    occupied, free = (_finite_number(document[key], key) for key in ("occupied_thresh", "free_thresh"))
+    return resolution, x, y, yaw
+
+
+def _parse_thresholds(document: dict[str, Any]) -> tuple[float, float]:
+    """Return the thresholds of occupied and of free cells."""
+    occupied = _finite_number(document["occupied_thresh"], "occupied_thresh")
+    free = _finite_number(document["free_thresh"], "free_thresh")
     for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
         if not 0.0 <= value <= 1.0:
             raise _key_error(f"{key} is {value}", "between 0 and 1", "correct it")
     if free >= occupied:
-        raise _key_error(
-            f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them"
-        )
-    info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
-    return _MapHeader(info, _image_path(path, image), mode, bool(negate), occupied, free)
+        problem = f"free_thresh is {free} and occupied_thresh is {occupied}"
+        raise _key_error(problem, "free below occupied", "exchange them")
+    return occupied, free
 
 
 def _image_path(path: str | os.PathLike[str], image: str) -> pathlib.Path:

@@ -137,47 +137,77 @@ def _check_robot(root: Element) -> None:
         problem = f"holds <{root.tag:.60}>, not <robot>"
         raise ContentError(problem, "a URDF file describes a robot", "pass the right file")
     check_expanded(root)
-    names = [str(element.get("name")) for element in root.findall("link")]
+    names = _read_names(root, "link")
     if not names:
         raise ContentError("has no <link>", "a robot needs one", "pass the right file")
-    for kind, given in (("link", names), ("joint", [str(joint.get("name")) for joint in root.findall("joint")])):
-        if twice := [name for name, times in Counter(given).items() if times > 1]:
-            raise ContentError(f"has more than one {kind} {twice[0]!r}", "names must be unique", "rename one")
+    for kind in ("link", "joint"):
+        _check_unique(_read_names(root, kind), kind)
         for element in root.findall(kind):
             _check_numbers(element, f"{kind} {element.get('name')!r}")
-    # Joints must join known links, have an axis, and give each link one parent.
+    _check_tree(names, _find_parents(root, set(names)))
+    for link in root.findall("link"):
+        for number, collision in enumerate(link.findall("collision")):
+            _check_geometry(collision.find("geometry"), f"link {link.get('name')!r}, collision {number}")
+
+
+def _read_names(root: Element, kind: str) -> list[str]:
+    """Return the names of the links or joints of a robot."""
+    return [str(element.get("name")) for element in root.findall(kind)]
+
+
+def _check_unique(names: list[str], kind: str) -> None:
+    """Refuse a name that occurs twice."""
+    repeated = [name for name, times in Counter(names).items() if times > 1]
+    if repeated:
+        raise ContentError(f"has more than one {kind} {repeated[0]!r}", "names must be unique", "rename one")
+
+
+def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
+    """Return the parent of each link but the roots.
+
+    Refuses joints of unknown links or without an axis, and links with two parents.
+    """
     parents: dict[str, str] = {}
-    known = set(names)
     for joint in root.findall("joint"):
-        links = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
-        if not all(end in known for end in links):
-            problem = f"joins {links[0]!r} to {links[1]!r} by the joint {joint.get('name')!r}"
+        name = joint.get("name")
+        parent, child = (_read_attribute(joint, end, "link") for end in ("parent", "child"))
+        if parent not in links or child not in links:
+            problem = f"joins {parent!r} to {child!r} by the joint {name!r}"
             raise ContentError(problem, "both must be links of the robot", "correct the names")
-        axis = getattr(joint.find("axis"), "attrib", {}).get("xyz", "1")
-        if joint.get("type") != "fixed" and not any(word.strip("+-0.eE") for word in axis.split()):
-            problem = f"has the axis {axis!r} at the joint {joint.get('name')!r}"
+        axis = _read_attribute(joint, "axis", "xyz")
+        is_zero = axis is not None and not any(word.strip("+-0.eE") for word in axis.split())
+        if joint.get("type") != "fixed" and is_zero:
+            problem = f"has the axis {axis!r} at the joint {name!r}"
             raise ContentError(problem, "it must not be zero", "correct it")
-        parent, child = map(str, links)
         if child in parents:
             problem = f"joins {child!r} to {parents[child]!r} and {parent!r}"
             raise ContentError(problem, "a link has one parent", "remove a joint")
         parents[child] = parent
-    # Follow the parents of each link to a root or to a link that was visited before.
+    return parents
+
+
+def _read_attribute(element: Element, tag: str, name: str) -> str | None:
+    """Return an attribute of a part of an element, or None."""
+    part = element.find(tag)
+    return None if part is None else part.get(name)
+
+
+def _check_tree(names: list[str], parents: dict[str, str]) -> None:
+    """Refuse links that form a loop or have several roots."""
     rooted: set[str] = set()
     for name in names:
-        above, child = {name}, name
+        above = {name}
+        child = name
         while child in parents and child not in rooted:
             child = parents[child]
             if child in above:
                 raise ContentError(f"joins {name!r} in a loop of joints", "links must form a tree", "remove a joint")
             above.add(child)
         rooted |= above
-    if len(names) - len(parents) != 1:
-        loose = ", ".join(name for name in names if name not in parents) or "none"
+    roots = [name for name in names if name not in parents]
+    if len(roots) != 1:
+        loose = ", ".join(roots) or "none"
         raise ContentError(f"has these links without a parent: {loose}", "there must be one root", "join the others")
-    for link in root.findall("link"):
-        for number, collision in enumerate(link.findall("collision")):
-            _check_geometry(collision.find("geometry"), f"link {link.get('name')!r}, collision {number}")
 
 
 def _check_numbers(element: Element, place: str) -> None:

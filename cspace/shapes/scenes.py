@@ -338,14 +338,7 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
         if "collision_objects" not in world and not attached:
             rule = "a planning scene lists its obstacles there"
             raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
-        octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
-        tree = check_table(octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data"))
-        parse_pose(octomap.get("origin"), "origin of octomap")
-        for entry in (octomap, tree):
-            parse_frame(entry, "octomap")
-        if tree.get("data"):
-            hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
-            raise ContentError("holds an OctoMap", "only collision objects are read", hint)
+        _check_octomap(world)
         reader = _Reader(path, plane_ball is not None, folders)
         objects = reader.objects(check_list(world.get("collision_objects"), "collision_objects"))
         carried = [reader.attached(item, number) for number, item in enumerate(attached)]
@@ -355,16 +348,8 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
             dict.fromkeys([*(frame for frame, _ in objects.values()), *(each.frame for each in carried)]),
         )
         _check_names(objects, carried)
-        for frame in (*motions, *(root for root, _ in motions.values())):
-            if frame in reader.frames:
-                problem = f"has poses in the frame {frame!r}, which is of object {reader.frames[frame]!r}"
-                rule = "MoveIt places them by that object"
-                raise ContentError(problem, rule, "write them in the frame of the scene, or rename the object")
-        roots = {motions[frame][0]: frame for frame, _ in objects.values()}
-        if len(roots) > 1:
-            problem = f"has objects in the frames {', '.join(map(repr, sorted(roots.values())))}"
-            rule = "fixed_frame_transforms must lead from all to one frame"
-            raise ContentError(problem, rule, "write all in one frame")
+        _check_frames(motions, reader.frames)
+        root_frame = _find_root(objects, motions)
         shapes = [
             SceneShape(part_name, *_cut(shape, motions[frame][1] @ pose, plane_ball), name, isinstance(shape, _Plane))
             for name, (frame, parts) in objects.items()
@@ -374,7 +359,38 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
             root, motion = motions[each.frame]
             moved = [(name, shape, motion @ pose) for name, shape, pose in each.parts]
             carried[number] = each._replace(frame=root, parts=moved)
-        return SceneContent(next(iter(roots), WORLD), shapes, carried, motions, scene)
+        return SceneContent(root_frame, shapes, carried, motions, scene)
+
+
+def _check_octomap(world: Mapping[str, Any]) -> None:
+    """Refuse a world with an OctoMap."""
+    octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
+    tree = check_table(octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data"))
+    parse_pose(octomap.get("origin"), "origin of octomap")
+    for entry in (octomap, tree):
+        parse_frame(entry, "octomap")
+    if tree.get("data"):
+        hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
+        raise ContentError("holds an OctoMap", "only collision objects are read", hint)
+
+
+def _check_frames(motions: Mapping[str, tuple[str, Floats]], owners: Mapping[str, str]) -> None:
+    """Refuse poses in frames of objects; `owners` has the object of each such frame."""
+    for frame in (*motions, *(root for root, _ in motions.values())):
+        if frame in owners:
+            problem = f"has poses in the frame {frame!r}, which is of object {owners[frame]!r}"
+            rule = "MoveIt places them by that object"
+            raise ContentError(problem, rule, "write them in the frame of the scene, or rename the object")
+
+
+def _find_root(objects: Mapping[str, tuple[str, Sequence[object]]], motions: Mapping[str, tuple[str, Floats]]) -> str:
+    """Return the one frame to which the frames of all objects lead."""
+    roots = {motions[frame][0]: frame for frame, _ in objects.values()}
+    if len(roots) > 1:
+        problem = f"has objects in the frames {', '.join(map(repr, sorted(roots.values())))}"
+        rule = "fixed_frame_transforms must lead from all to one frame"
+        raise ContentError(problem, rule, "write all in one frame")
+    return next(iter(roots), WORLD)
 
 
 def _name_parts(name: str, count: int) -> list[str]:
@@ -527,35 +543,26 @@ class _Reader:
             rule = "they scale the mesh of a file"
             raise ContentError(f"has dimensions without resource at {place}", rule, "remove them")
         if table.get("resource"):
-            name = str(table["resource"])
-            if name not in self._meshes:
-                self._meshes[name] = read_mesh(locate_meshes({name: place}, self._path, self._folders)[name])
-            scale = np.ones(3)
-            if table.get("dimensions") is not None:
-                scale = parse_numbers(table["dimensions"], 3, f"dimensions of {place}")
-            if not scale.all():
-                problem = f"has the dimensions {scale.tolist()} at {place}"
-                raise ContentError(problem, "no factor may be zero", "correct them")
-            vertices, faces = transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
+            vertices, faces = self._read_mesh_file(table, place)
         else:
-            points = check_list(table.get("vertices"), f"vertices of {place}")
-            fields = ("vertex_indices",)
-            corners = [
-                check_list(
-                    check_table(each, place, fields).get("vertex_indices") if isinstance(each, dict) else each, place
-                )
-                for each in check_list(table.get("triangles"), f"triangles of {place}")
-            ]
-            vertices = np.array([parse_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
-            if any(
-                len(each) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in each) for each in corners
-            ):
-                problem = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
-                raise ContentError(problem, "vertices count from 0", "correct it")
-            faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
+            vertices, faces = _parse_inline_mesh(table, place)
         self._bytes += surface_bytes(len(vertices), len(faces))
         check_file_memory(self._path, "holds meshes", self._bytes)
         return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}")
+
+    def _read_mesh_file(self, table: Mapping[str, Any], place: str) -> Surface:
+        """Return the surface of a mesh in another file."""
+        name = str(table["resource"])
+        if name not in self._meshes:
+            file = locate_meshes({name: place}, self._path, self._folders)[name]
+            self._meshes[name] = read_mesh(file)
+        scale = np.ones(3)
+        if table.get("dimensions") is not None:
+            scale = parse_numbers(table["dimensions"], 3, f"dimensions of {place}")
+        if not scale.all():
+            problem = f"has the dimensions {scale.tolist()} at {place}"
+            raise ContentError(problem, "no factor may be zero", "correct them")
+        return transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
 
     def _read_plane(self, item: Any, place: str) -> _Plane:
         """Return a plane in its own frame."""
@@ -570,6 +577,26 @@ class _Reader:
         normal, offset = coefficients[:3] / largest, float(coefficients[3]) / largest  # squares must not underflow
         length = float(np.linalg.norm(normal))
         return _Plane(normal / length, offset / length)
+
+
+def _parse_inline_mesh(table: Mapping[str, Any], place: str) -> Surface:
+    """Return the surface of a mesh that lists its vertices and triangles."""
+    points = check_list(table.get("vertices"), f"vertices of {place}")
+    triangles = check_list(table.get("triangles"), f"triangles of {place}")
+    corners = [_parse_triangle(each, place) for each in triangles]
+    vertices = np.array([parse_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
+    for triangle in corners:
+        if len(triangle) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in triangle):
+            problem = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
+            raise ContentError(problem, "vertices count from 0", "correct it")
+    return vertices, np.array(corners, dtype=np.int64).reshape(-1, 3)
+
+
+def _parse_triangle(item: Any, place: str) -> Sequence[Any]:
+    """Return the corners of a triangle, a list or a ``shape_msgs/MeshTriangle``."""
+    if isinstance(item, dict):
+        item = check_table(item, place, ("vertex_indices",)).get("vertex_indices")
+    return check_list(item, place)
 
 
 def _make_bounded_shape(make: Callable[[float, float], BoundsPair], height: float, radius: float) -> Shape:
