@@ -1,4 +1,4 @@
-"""Words that arguments of several modules take, as types, so that type checkers refuse all others."""
+"""Words that arguments take, as types, so that type checkers refuse all others."""
 
 from __future__ import annotations
 

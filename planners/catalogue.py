@@ -32,7 +32,7 @@ PlannerName: TypeAlias = Literal[
     "Lattice",
     "BiRRT",
 ]
-"""Planners of OMPL 2.0.1 and built-in searches, for type checkers; :func:`planners.plan` takes any case."""
+"""Planners of OMPL 2.0.1 and built-in searches, as :func:`planners.plan` names them."""
 
 GRID: Final = "Grid"
 """Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_path`."""

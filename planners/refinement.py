@@ -15,23 +15,23 @@ from cspace.space import CSpace
 from planners.states import Configuration
 
 MIN_MOVE: Final = 0.5
-"""Move of the robot's farthest point within a rotation cell, in cells, below which more rotations hardly matter."""
+"""Move of the robot within a rotation cell, in cells, below which more rotations hardly matter."""
 
 BORDER_SHARE: Final = 1e-6
-"""Distance from the border of a cell, as a share of its side, within which the next cell counts too."""
+"""Distance from a cell's border within which the next cell counts too, as a share of its side."""
 
 
 def find_needed_rotations(space: CSpace, q: Configuration) -> str:
     """Return the argument for the fewest rotation cells that prove a configuration FREE.
 
-    The cells at the configuration are tested as a build tests them. Numbers of rotation cells are tried by doubling.
-    The text is empty if none of them suffices.
+    The cells at the configuration are tested as a build tests them. Numbers of rotation cells are
+    tried by doubling. The text is empty if none of them suffices.
     """
-    point = np.array(q)
-    for argument, rotations in narrower_rotations(space.robot, space.rotations, MIN_MOVE * space.grid.spacing):
+    point, robot, spacing = np.array(q), space.robot, space.grid.spacing
+    for argument, rotations in narrower_rotations(robot, space.rotations, MIN_MOVE * spacing):
         _, numbers = rotations._cells_within(point[np.newaxis], np.array([2.0 * ANGLE_SLACK]))
         cells = rotations._shape_cells(space.grid.dim)
-        rasters = (space.robot.rasters(space.grid.spacing, space.margin, cells[number]) for number in numbers)
+        rasters = (robot.rasters(spacing, space.margin, cells[number]) for number in numbers)
         if all(_is_free(space, point, outer) for outer, _ in rasters):
             return argument
     return ""

@@ -1,4 +1,4 @@
-"""Plans among moving obstacles: how often each planner plans anew, and how much the default plan's length varies."""
+"""Plans among moving obstacles: the rate of each planner, and how the default plan varies."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Replanning:
 
     def add(self, space: CSpace, route: Floats, options: Mapping[str, Any]) -> None:
         """Plan once more."""
-        plan = self.planning.take(partial(planners.plan, space, *route, time_limit=OUR_TIME_LIMIT, **options))
+        plan = self.planning.take(partial(plan_patiently, space, route, options))
         if plan.certified:
             self.lengths.append(weighted_length(plan))
         else:
@@ -99,10 +99,8 @@ def measure(report: Report, problem: Problem, moves: int, seed: int) -> None:
     endpoints = draw_route(space, ways, np.random.default_rng(seed))
     route = planners.plan(space, *endpoints)
     center, across = widest_place(space, route.path)
-    report.section(
-        f"{problem.name}: a crate of {CRATE_SIDE:g} m moves {moves} times by {STEP:g} m across a route of "
-        f"{route.length:.1f} m"
-    )
+    crate_moves = f"a crate of {CRATE_SIDE:g} m moves {moves} times by {STEP:g} m"
+    report.section(f"{problem.name}: {crate_moves} across a route of {route.length:.1f} m")
     updating, checking = Timing(None), Timing(None)
     found = {name: Replanning() for name in ways}
     for move in range(moves):
@@ -151,8 +149,16 @@ def weighted_length(plan: Plan) -> float:
     return plan.length + METRES_PER_RADIAN * plan.total_rotation
 
 
-def draw_route(space: CSpace, ways: Mapping[str, dict[str, Any]], rng: np.random.Generator) -> Floats:
-    """Draw FREE configurations far apart that no free edge joins and that each way of planning joins by a path."""
+def plan_patiently(space: CSpace, route: Floats, options: Mapping[str, Any]) -> Plan:
+    """Plan between two configurations, with time enough on a busy machine."""
+    return planners.plan(space, *route, time_limit=OUR_TIME_LIMIT, **options)
+
+
+def draw_route(space: CSpace, ways: Mapping[str, Any], rng: np.random.Generator) -> Floats:
+    """Draw FREE configurations far apart that every way of planning joins.
+
+    No free edge joins them.
+    """
     least = MIN_ROUTE_SHARE * math.dist(space.grid.lower, space.grid.upper)
     while True:
         q = space.sample_free(2, rng)
@@ -160,7 +166,7 @@ def draw_route(space: CSpace, ways: Mapping[str, dict[str, Any]], rng: np.random
             continue
         if space.is_disconnected(*q) or space.motion_is_free(*q):
             continue
-        if all(planners.plan(space, *q, time_limit=OUR_TIME_LIMIT, **options).certified for options in ways.values()):
+        if all(plan_patiently(space, q, options).certified for options in ways.values()):
             return q
 
 

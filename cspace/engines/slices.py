@@ -76,9 +76,10 @@ def raster_bytes(
 
 
 def narrower_rotations(robot: Robot, rotations: Rotations, distance: float) -> Iterator[tuple[str, Rotations]]:
-    """Yield ever more rotation cells, and their argument for messages, until the robot hardly moves within a cell.
+    """Yield ever more rotation cells, with their argument for messages.
 
-    The last cells are the first in which no corner of the robot's bounding box moves by more than ``distance``, metres.
+    In the last ones, the first for which that is true, no corner of the robot's bounding box moves
+    by more than ``distance``, metres.
     """
     if rotations._preserve(robot.shape):
         return

@@ -541,7 +541,7 @@ class Rotations(ABC):
         return ""
 
     def _doubled(self) -> tuple[str, Rotations] | None:
-        """Return cells of half the width with their argument, for messages; None if there are none."""
+        """Return cells of half the width and their argument, or None."""
         return None
 
     def _slices_for(self, shape: Symmetric) -> Ints:

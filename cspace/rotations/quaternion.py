@@ -217,9 +217,11 @@ class QuaternionRotations(Rotations):
         return f"rotations=Rotations.quaternions({n})" if n else ""
 
     def _doubled(self) -> tuple[str, Rotations] | None:
-        """Return eight times as many cells with their argument."""
+        """Return eight times as many cells and their argument, or None."""
         n = 2 * self.n
-        return (f"rotations=Rotations.quaternions({n})", Rotations.quaternions(n)) if n <= MAX_SUGGESTED_PARTS else None
+        if n > MAX_SUGGESTED_PARTS:
+            return None
+        return f"rotations=Rotations.quaternions({n})", Rotations.quaternions(n)
 
     def _slices_for(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.

@@ -197,7 +197,7 @@ class YawRotations(Rotations):
         return f"rotations={int(clip_parameters * len(self))}" if clip_parameters * len(self) >= 1 else ""
 
     def _doubled(self) -> tuple[str, Rotations] | None:
-        """Return twice as many cells, of one width, with their argument."""
+        """Return twice as many cells, of one width, and their argument, or None."""
         count = 2 * len(self)
         return (f"rotations={count}", Rotations.of(count)) if count <= MAX_YAW_CELLS else None
 

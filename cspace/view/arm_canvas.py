@@ -325,9 +325,10 @@ class ArmCanvas(Canvas):
         return {link: self._add_mesh(f"/{name}/{link}", self._figure.links[link], color, opacity) for link in links}
 
     def _show_marks(self) -> None:
-        """Show the arms at start and goal, except where the robot is, whose colour they would change.
+        """Show the arms at start and goal.
 
-        A goal at the start is no goal yet, and stays hidden.
+        Where the robot is they stay hidden, as they would change its colour. A goal at the start is
+        no goal yet, and stays hidden too.
         """
         with self._links_lock:
             for name, q in self._marks.items():

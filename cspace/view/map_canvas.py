@@ -44,7 +44,8 @@ class MapCanvas(Canvas):
     cells : Cells
     server : viser.ViserServer
     points : ndarray of float64, shape (n, size)
-        A path; cells above the robot on it, and all that covers it, are cut off. n is 0 without a path.
+        A path; cells above the robot on it, and all that covers it, are cut off. n is 0 without
+        a path.
     marks : dict of str to ndarray of float64, shape (size,)
         Start and goal, if given.
 
@@ -85,16 +86,20 @@ class MapCanvas(Canvas):
         self.cut = self._choose_cut(points) if self.stage.has_height else float(self.stage.upper[2])
 
     def _choose_cut(self, points: Floats) -> float:
-        """Return the height of the first cut: above the robot, below all that covers start, goal or path."""
+        """Return the height of the first cut.
+
+        It is above the robot, and below all that covers start, goal or path.
+        """
         about = np.concatenate([[*self.endpoints.values()], points])
         top = max(float(self.glyph.extent(q)[1, 2]) for q in about)
         above_robot = _ceil_to(min(top, float(self.stage.upper[2])), self._step)
         return min(above_robot, _floor_to(self._find_lowest_cover(points), self._step))
 
     def _find_lowest_cover(self, points: Floats) -> float:
-        """Return the height of the lowest cells that cover start, goal or path in a view from above, metres.
+        """Return the height of the lowest cells that cover start, goal or path.
 
-        The cells are at the rotation of the start, as on the opened page. If none do, the height is beyond the map.
+        It is in metres, for a view from above. The cells are at the rotation of the start, as on the
+        opened page. If none covers them, the height is beyond the map.
         """
         shown = np.array([*self.endpoints.values()])
         if len(points):
@@ -105,8 +110,9 @@ class MapCanvas(Canvas):
         places = (grid.cell_of(shown[:, : grid.dim]) - blocks.first) // blocks.side
         x, y, z = places.clip(0, np.subtract(blocks.classes.shape, 1)).T
         covers = blocks.classes[x, y] > PARTLY  # opaque in a section
-        covers &= np.arange(covers.shape[1]) >= z[:, np.newaxis]
-        heights = grid.lower[2] + grid.spacing * (blocks.first[2] + blocks.side * np.arange(covers.shape[1]))
+        layers = np.arange(covers.shape[1])
+        covers &= layers >= z[:, np.newaxis]
+        heights = grid.lower[2] + grid.spacing * (blocks.first[2] + blocks.side * layers)
         beyond = grid.upper[2] + grid.spacing
         return float(np.min(heights, initial=beyond, where=covers.any(axis=0)))
 

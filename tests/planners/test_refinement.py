@@ -34,7 +34,8 @@ def find_hint(space: CSpace, q: tuple[float, ...]) -> str:
 
 def accepts(space: CSpace, q: tuple[float, ...], rotations: int) -> bool:
     """Return True if a plan starts at a configuration of a new map with other rotations."""
-    again = cspace.build(space.workspace, space.robot, rotations=rotations, outside=space.outside, margin=space.margin)  # type: ignore[call-overload]
+    options = {"outside": space.outside, "margin": space.margin}
+    again = cspace.build(space.workspace, space.robot, rotations=rotations, **options)
     try:
         return planners.plan(again, q, q).certified
     except ConfigurationError:
@@ -42,7 +43,10 @@ def accepts(space: CSpace, q: tuple[float, ...], rotations: int) -> bool:
 
 
 def list_counts(robot: Robot, rotations: int, distance: float) -> list[int]:
-    """Return doubled numbers of yaw cells; within one of the last ones, the robot moves by at most a distance."""
+    """Return doubled numbers of yaw cells.
+
+    Within one of the last ones, the robot moves by at most a distance.
+    """
     lower, upper = robot.shape.outer.bounds
     reach = math.hypot(*np.maximum(-lower, upper))
     counts = [rotations]
@@ -66,9 +70,8 @@ def test_too_few_rotations_in_space_name_how_many_are_needed() -> None:
     needed = int(find_hint(build_corridor(robot, 2, dim=3), (*q, 0.0)))
     assert build_corridor(robot, needed, dim=3).is_free((*q, 0.0))
     robot, q = Robot.box((0.5, 0.15, 0.1)), (*q, 0.0, 0.0, 0.0, 1.0)
-    found = re.fullmatch(
-        r"Rotations.quaternions\((\d+)\)", find_hint(build_corridor(robot, Rotations.quaternions(2), 3), q)
-    )
+    hint = find_hint(build_corridor(robot, Rotations.quaternions(2), 3), q)
+    found = re.fullmatch(r"Rotations.quaternions\((\d+)\)", hint)
     assert found and build_corridor(robot, Rotations.quaternions(int(found[1])), 3).is_free(q)
 
 
@@ -85,10 +88,12 @@ def test_named_rotations_are_the_first_that_prove_the_start_free(
     rng = np.random.default_rng(seed)
     workspace = Workspace.from_array(rng.random((20, 16)) < 0.04, 0.1)
     robot = Robot.rectangle(*rng.uniform(0.1, 0.5, 2), center=rng.uniform(-0.1, 0.1, 2))
-    space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)  # type: ignore[call-overload]
-    q = np.column_stack([rng.integers(0, 40, (200, 2)) * (2.0 / 40), rng.uniform(-math.pi, math.pi, 200)])
-    q = q[(q[:, 1] < 1.6) & (space.classify(q) == MIXED)]
-    q = q[np.argsort(~np.asarray(space.is_free(q, exact=True)), kind="stable")]  # those that more rotations may prove
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
+    places = rng.integers(0, (40, 32), (200, 2)) * 0.05  # also on borders of cells
+    q = np.column_stack([places, rng.uniform(-math.pi, math.pi, 200)])
+    q = q[space.classify(q) == MIXED]
+    collides = ~np.asarray(space.is_free(q, exact=True))
+    q = q[np.argsort(collides, kind="stable")]  # first those that more rotations may prove
     counts = list_counts(robot, rotations, 0.5 * space.grid.spacing)
     for point in map(tuple, q[[*range(3), -1][: len(q)]].tolist()):
         first = next((str(count) for count in counts if accepts(space, point, count)), "")
