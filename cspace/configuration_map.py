@@ -322,10 +322,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Return a lower bound of the distance to configurations that are not FREE.
 
         The distance is in the translation, to the nearest one. The bound is proven. At the center of a cell, it is the
-        distance but for rounding; elsewhere in the grid, it is less than 1.42 cells below in the plane and 1.74 in
-        space, on average by a few hundredths of a cell, or a tenth where all is near obstacles. Outside the grid, it is
-        at least the distance to the box around the grid and all cells that are not FREE. It is zero if the configuration is not FREE, and infinite if every configuration at its
-        rotation is FREE.
+        distance but for rounding. Elsewhere in the grid, it is less than 1.42 cells below in the plane and 1.74 in
+        space; a few hundredths of a cell on average, a tenth where all is near obstacles. Outside the grid, it is at
+        least the distance to the box around the grid and all cells that are not FREE. It is zero if the configuration
+        is not FREE, and infinite if every configuration at its rotation is FREE.
 
         The first query at a rotation computes the distances of all cells there, 4 bytes each, and so does the first one
         after an update: some 20 ms for a million cells.

@@ -1011,9 +1011,11 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the clearance at each cell's center, in metres: in one slice, or the largest of all slices."""
         from cspace.map.distance import ROUNDING_FACTOR
 
-        distances = self._distances
-        largest = distances.array().max(axis=0) if number is None else distances.slice(number)
-        return largest.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
+        if number is None:
+            cells: Distances = self._distances.array().max(axis=0)
+        else:
+            cells = self._distances.array_of(number)
+        return cells.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
 
     def _flat_state(self) -> States:
         """Return each cell's state over all rotations.

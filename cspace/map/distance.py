@@ -2,30 +2,31 @@
 
 The *distance* of a cell is that from its center c to the nearest point of a closed cell that is
 not FREE, in its slice, in the grid or outside. The table of a slice is computed when it is first
-needed, axis by axis: the lowest sum of squares along one axis is a lower envelope of parabolas
-(A. Meijster, J. Roerdink and W. Hesselink, "A general algorithm for computing distance transforms
-in linear time", 2000; P. Felzenszwalb and D. Huttenlocher, "Distance transforms of sampled
-functions", 2012). The nearest point of another cell lies on its borders, so parabolas stand on the
+needed, axis by axis: the lowest sum of squares along one axis is a lower envelope of parabolas (A.
+Meijster, J. Roerdink and W. Hesselink, "A general algorithm for computing distance transforms in
+linear time", 2000; P. Felzenszwalb and D. Huttenlocher, "Distance transforms of sampled functions",
+2012). The nearest point of another cell lies on its borders, so parabolas stand on the
 borders between cells.
 
-*Clearance* D(p) is the distance from position p to the same cells. The largest of three lower bounds
-is taken; c are the centers of the 2^d cells around p:
+*Clearance* D(p) is the distance from position p to the same cells. The largest of three lower
+bounds is taken; c are the centers of the 2^d cells around p:
 
 * D(c) - |p - c| for each c, because D changes by at most the length of a move.
 * D^2(p) - |p|^2 is concave, because it is the least of affine functions: |x|^2 - 2 p x for all
-  points x of the cells. So if p is the mean of the c with weights w, D^2(p) is at least the mean of
-  D^2(c) - |p - c|^2. The weights are those of linear interpolation along each axis, for which the mean
-  of |p - c|^2 is the sum of w (1 - w) over the axes. Beyond the outermost centers, the bound is that of
-  the nearest position among centers, less the distance to it.
+  points x of the cells. So if p is the mean of the c with weights w, D^2(p) is at least the mean
+  of D^2(c) - |p - c|^2. The weights are those of linear interpolation along each axis, for which
+  the mean of |p - c|^2 is the sum of w (1 - w) over the axes. Beyond the outermost centers, the
+  bound is that of the nearest position among centers, less the distance to it.
 * the distance from p to the box that contains all cells that are not FREE, for p outside the grid.
 
-In the grid, one c is at most sqrt(d) / 2 cells away, and D(p) <= D(c) + |p - c|. So by the first bound
-alone, the result is less than sqrt(d) cells below D(p).
+In the grid, one c is at most sqrt(d) / 2 cells away, and D(p) <= D(c) + |p - c|. So by the first
+bound alone, the result is less than sqrt(d) cells below D(p).
 
 Rounding: the table rounds a square at most three times and its root once, by 2^-24 of each, so a
 distance by at most 2.5 * 2^-24 of it. A look-up rounds by 2^-50. Distances are multiplied by
-1 - 2^-22 before they are used, which covers both. The rounding of a position is below SLACK along each
-axis in and around the grid, so 4 SLACK are subtracted; far away, it is below 2^-50 of the distance.
+1 - 2^-22 before they are used, which covers both. The rounding of a position is below SLACK along
+each axis in and around the grid, so 4 SLACK are subtracted; far away, it is below 2^-50 of the
+distance.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ class DistanceMap:
         """Return the distances of all slices, shape (slices, x, y) or (slices, x, y, z)."""
         return self.whole().cells.reshape(self._states.shape)
 
-    def slice(self, number: int) -> Distances:
+    def array_of(self, number: int) -> Distances:
         """Return the distances of one slice, shape (x, y) or (x, y, z)."""
         distances: Distances = self.of_slices([number]).cells.reshape(self._states.shape)[number]
         return distances
@@ -217,7 +218,14 @@ def _spread_along(squares: Distances) -> None:
 
 
 @kernel
-def spread_squares(squares: Distances, borders: Ints, heights: Floats, firsts: Ints, start: int, stop: int) -> None:
+def spread_squares(
+    squares: Distances,
+    borders: Ints,
+    heights: Floats,
+    firsts: Ints,
+    start: int,
+    stop: int,
+) -> None:
     """Lower squared distances of lines [start, stop) along the middle axis.
 
     Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
@@ -242,10 +250,13 @@ def spread_squares(squares: Distances, borders: Ints, heights: Floats, firsts: I
                 first = borders[top] + math.floor(crossing + 0.5)
                 if first > firsts[top]:
                     break
-                top, first = top - 1, 0
+                top -= 1
+                first = 0
             if first < count:
                 top += 1
-                borders[top], heights[top], firsts[top] = border, height, first
+                borders[top] = border
+                heights[top] = height
+                firsts[top] = first
         if top < 0:
             continue
         for k in range(count - 1, -1, -1):
@@ -269,32 +280,37 @@ def clearance_at(map_: Map, table: DistanceTable, q: Numbers) -> float:
     if state_at(map_, q) != FREE:
         return 0.0
     s, dim = map_.rotations.slice_at(q), len(map_.lower)
-    from_box = from_centers = spread = 0.0
+    box_square = beyond_square = spread = 0.0
     for axis in range(dim):
         u, v = position_along(map_, q, axis), position_among_centers(map_, q, axis)
+        box_gap = max(0.0, table.boxes[s, 0, axis] - u, u - table.boxes[s, 1, axis])
+        box_square += box_gap * box_gap
+        beyond = u - 0.5 - v
+        beyond_square += beyond * beyond
         share = v - math.floor(v)
         spread += share * (1.0 - share)
-        from_centers += (u - 0.5 - v) ** 2
-        from_box += max(0.0, table.boxes[s, 0, axis] - u, u - table.boxes[s, 1, axis]) ** 2
-    best, mean = math.sqrt(from_box) * ROUNDING_FACTOR, 0.0
+    best = math.sqrt(box_square) * ROUNDING_FACTOR
+    mean_square = 0.0
     for corner in range(1 << dim):
-        cell, square, weight = s, 0.0, 1.0
+        cell, weight, gap_square = s, 1.0, 0.0
         for axis in range(dim):
             u, v = position_along(map_, q, axis), position_among_centers(map_, q, axis)
-            first, count = math.floor(v), map_.states.shape[axis + 1]
-            share, k = v - first, first
+            k, count = math.floor(v), map_.states.shape[axis + 1]
+            share = v - k
             if (corner >> axis) & 1:
-                k = min(first + 1, count - 1)
-                weight *= share
+                k = min(k + 1, count - 1)
             else:
-                weight *= 1.0 - share
-            square += (u - 0.5 - k) ** 2
+                share = 1.0 - share
+            weight *= share
+            gap = u - 0.5 - k
+            gap_square += gap * gap
             cell = cell * count + k
         distance = table.cells[cell] * ROUNDING_FACTOR
-        mean += weight * distance * distance
-        best = max(best, distance - math.sqrt(square))
-    if mean > spread:
-        best = max(best, math.sqrt(mean - spread) - math.sqrt(from_centers))
+        best = max(best, distance - math.sqrt(gap_square))
+        mean_square += weight * distance * distance
+    # False for NaN, which a weight of zero makes of an infinite distance.
+    if mean_square > spread:
+        best = max(best, math.sqrt(mean_square - spread) - math.sqrt(beyond_square))
     return max(0.0, best - 4.0 * SLACK) * map_.spacing
 
 

@@ -5,8 +5,8 @@ the largest width at which cells of that width or above connect them, found in 6
 Among these cells, the shortest chain is searched.
 
 If the start or the goal is the narrowest place, for example beside a wall, every path is that
-narrow. So the path first climbs steeply from both, and the bottleneck connects the two local maxima.
-The result is still among the widest paths.
+narrow. So the path first climbs steeply from both, and the bottleneck connects the two local
+maxima. The result is still among the widest paths.
 """
 
 from __future__ import annotations
@@ -102,7 +102,8 @@ class WidthMap:
         """
         first, last = (int(np.ravel_multi_index(tuple(cell), self.shape)) for cell in (start, goal))
         queue = Queue.of(math.prod(self.shape), first, find_level(self.width(start)))
-        layered = self.widths.reshape(len(self.widths), *(1,) * (4 - self.widths.ndim), *self.shape[1:])
+        missing_axes = (1,) * (4 - self.widths.ndim)
+        layered = self.widths.reshape(len(self.widths), *missing_axes, *self.shape[1:])
         is_done = False
         while not is_done:
             check_deadline(until)
@@ -172,8 +173,8 @@ def find_level(width: float) -> int:
 def flood(widths: Distances, slice_of: Ints, neighbors: Ints, goal: int, queue: Queue) -> bool:
     """Take cells from the queue, widest first; return True at the goal, or at the end.
 
-    The level of the queue is then the bottleneck's, or 0 if no chain leads to the goal. Return False
-    if a clock check is due; the next call goes on from there. ``widths`` has shape
+    The level of the queue is then the bottleneck's, or 0 if no chain leads to the goal. Return
+    False if a clock check is due; the next call goes on from there. ``widths`` has shape
     (slices, nx, ny, nz).
     """
     _, nx, ny, nz = widths.shape
@@ -186,17 +187,19 @@ def flood(widths: Distances, slice_of: Ints, neighbors: Ints, goal: int, queue: 
         if level == 0 or cell == goal:
             return True
         queue.first[level] = queue.following[cell]
-        rotation, x, y, z = cell // (nx * ny * nz), cell // (ny * nz) % nx, cell // nz % ny, cell % nz
+        rotation, x = cell // (nx * ny * nz), cell // (ny * nz) % nx
+        y, z = cell // nz % ny, cell % nz
         for step in range(SIDE_STEPS + neighbors.shape[1]):
             r, i, j, k = rotation, x, y, z
+            axis, sign = step // 2, 2 * (step % 2) - 1
             if step >= SIDE_STEPS:
                 r = neighbors[rotation, step - SIDE_STEPS]
-            elif step < 2:
-                i += 2 * step - 1
-            elif step < 4:
-                j += 2 * step - 5
+            elif axis == 0:
+                i += sign
+            elif axis == 1:
+                j += sign
             else:
-                k += 2 * step - 9
+                k += sign
             if r < 0 or not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
                 continue
             near = ((r * nx + i) * ny + j) * nz + k
@@ -232,7 +235,8 @@ def find_widest_path(
     width = widths.bottleneck(up[-1], down[-1], until)
     if not width:
         return np.empty((0, q.shape[1]))
-    ascent, descent = (climb[[widths.width(cell) < width for cell in climb]] for climb in (up, down))
+    ascent = up[[widths.width(cell) < width for cell in up]]
+    descent = down[[widths.width(cell) < width for cell in down]]
     chain = widths.shortest(up[len(ascent)], down[len(descent)], width, until)
     cells = np.concatenate([ascent, chain, descent[::-1]])
     path = waypoints(grid, rotations, q, cells)
@@ -242,10 +246,12 @@ def find_widest_path(
     first = len(ascent) + 1 if len(ascent) else 0
     last = len(ascent) + len(chain) if len(descent) else len(path) - 1
     low, high = map(widths.width, ends)
+    parts = (0, first, low), (first, last, width), (last, len(path) - 1, high)
     pieces = [path[:1]]
-    for begin, end, min_width in ((0, first, low), (first, last, width), (last, len(path) - 1, high)):
+    for begin, end, min_width in parts:
         if begin < end:
-            wide_map = _cut_wide_map(widths.widths, map_, cells[max(begin - 1, 0) : end, 1:], min_width)
+            positions = cells[max(begin - 1, 0) : end, 1:]
+            wide_map = _cut_wide_map(widths.widths, map_, positions, min_width)
             is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
             pieces.append(pulled_straight(path[begin : end + 1], rotations, is_free)[1:])
     return np.concatenate(pieces)

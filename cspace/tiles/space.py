@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 WINDOW_CELLS: Final = {2: 1024, 3: 256}
 """Cells per axis of the windows that clearance queries open, by the dimension of the grid."""
 
+CLEARANCE_LOSS_CELLS: Final = 2
+"""Cells by which clearance may be below the distance, rounded up."""
+
 DEFAULT_CACHE_BYTES: Final = 2**29
 """Default memory for decoded tiles, in bytes; holds 2 x 10^9 states."""
 
@@ -347,6 +350,7 @@ class TiledCSpace(ConfigurationMap):
     def _clearances_in_windows(self, rows: Floats, out: Floats) -> int:
         """Fill ``out`` with clearances, in windows of blocks."""
         max_distance = WINDOW_CELLS[self.grid.dim] // 16
+        margin = max_distance + CLEARANCE_LOSS_CELLS
         bad = self._classify()([rows], np.empty(len(rows), dtype=np.uint8))
         if bad >= 0:
             return bad
@@ -355,7 +359,7 @@ class TiledCSpace(ConfigurationMap):
         for block in range(len(blocks)):
             chosen = np.flatnonzero(block_of.reshape(-1) == block)
             lower, upper = cells[chosen].min(axis=0), cells[chosen].max(axis=0)
-            window = self._window_of_cells(lower - max_distance, upper + max_distance + 1)
+            window = self._window_of_cells(lower - margin, upper + margin + 1)
             # Beyond `max_distance` the window's boundary may be nearer than any cell that is not FREE.
             out[chosen] = np.minimum(window.clearance(rows[chosen]), max_distance * self.grid.spacing)
         return -1

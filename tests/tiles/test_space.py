@@ -1,6 +1,7 @@
 """Queries of tiled maps: equality with the map in memory, caches and refusals."""
 
 import itertools
+import math
 import pickle
 import shutil
 import threading
@@ -46,9 +47,14 @@ def test_queries_with_any_cache_size_equal_the_map_in_memory(tmp_path):
 @pytest.mark.parametrize("name", MAP_INPUTS)
 def test_clearance_equals_the_map_in_memory_up_to_its_maximum(name, tmp_path, monkeypatch):
     space, tiled = build_both(name, tmp_path, "free")
-    q = draw_configurations(space, np.random.default_rng(2), 60)
+    q, dim, most = draw_configurations(space, np.random.default_rng(2), 60), space.grid.dim, 3 * space.grid.spacing
     monkeypatch.setattr("cspace.tiles.space.WINDOW_CELLS", {2: 48, 3: 48})
-    expected = np.minimum(space.clearance(q), 3 * space.grid.spacing)
+    loss = math.sqrt(dim) * space.grid.spacing
+    assert (tiled.clearance(q) >= np.minimum(space.clearance(q) - loss, most)).all()
+    q = q[space.grid.contains(q[:, :dim])]
+    assert (tiled.clearance(q) <= np.minimum(space.clearance(q) + loss, most)).all()
+    q[:, :dim] = space.grid.center_of(space.grid.cell_of(q[:, :dim]))  # where clearance is the distance
+    expected = np.minimum(space.clearance(q), most)
     np.testing.assert_allclose(tiled.clearance(q), expected, atol=1e-12)
     assert 0.0 < np.mean(expected > 0.0) < 1.0
     assert tiled.clearance(q[0]) == pytest.approx(expected[0])
