@@ -22,6 +22,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 LOGGER: Final = logging.getLogger("cspace.compiling")
 """Logger of the first compilation in each module, at INFO; programs that show progress add a handler."""
 
+LONG_WAIT_SECONDS: Final = 2.0
+"""Seconds of compiling after which a program that shows no progress gets a line on stderr."""
+
+LONG_WAIT: Final = (
+    "cspace: compiling for this machine, which happens once and may take half a minute; "
+    "logging.getLogger('cspace.compiling').disabled = True hides this line"
+)
+"""That line."""
+
 _IMPORT: Final = re.compile(r"^\s*from ((?:cspace|planners)\b[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE)
 """Import of our modules. The cache key of a function covers all modules that its own imports in this way."""
 
@@ -56,6 +65,11 @@ class _Clock:
         """Stop the clock; stops may nest."""
         depth, since, stopped = self._state
         self._state = depth + 1, since if depth else time.perf_counter(), stopped
+
+    @property
+    def stopped(self) -> float:
+        """Seconds for which the clock has stopped so far."""
+        return time.perf_counter() - self()
 
     def resume(self) -> None:
         """End a stop; the clock runs again after the outermost."""
@@ -327,6 +341,7 @@ def _announce_compiling() -> None:
     from numba.core import event
 
     announced = set[str]()
+    begun = clock.stopped
 
     class Announcer(event.Listener):
         def on_start(self, event: Any) -> None:
@@ -338,6 +353,10 @@ def _announce_compiling() -> None:
             if module.startswith(("cspace.", "planners.")) and module not in announced:
                 announced.add(module)
                 LOGGER.info("compiling %s, once per machine", module)
+                shows_progress = LOGGER.isEnabledFor(logging.INFO)
+                if clock.stopped - begun > LONG_WAIT_SECONDS and not shows_progress and LONG_WAIT not in announced:
+                    announced.add(LONG_WAIT)
+                    LOGGER.warning(LONG_WAIT)
             clock.stop()
 
         def on_end(self, event: Any) -> None:

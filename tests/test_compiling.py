@@ -76,6 +76,37 @@ def test_a_read_only_installation_works_without_a_cache(tmp_path: Path) -> None:
     assert POINTS_LINE in run_look_up(tmp_path, **homeless)
 
 
+WAIT_SCRIPT = """
+import time
+from types import SimpleNamespace
+import numba.core.event as event
+import planners, cspace.compiling as compiling
+{setting}
+compiling._announce_compiling()
+for module in ("planners.plan", "cspace.one", "cspace.two", "cspace.three", "numba.other"):
+    function = SimpleNamespace(__module__=module)
+    with event.trigger_event("numba:compile", {{"dispatcher": SimpleNamespace(py_func=function)}}):
+        time.sleep({seconds})
+"""
+
+
+@pytest.mark.parametrize(
+    ("setting", "seconds", "lines"),
+    [
+        ("", 1.1, 1),
+        ("", 0.0, 0),
+        ("import logging; logging.getLogger('cspace.compiling').disabled = True", 1.1, 0),
+    ],
+    ids=["long wait", "short wait", "hidden"],
+)
+def test_a_long_wait_for_the_compiler_is_told_once(setting: str, seconds: float, lines: int) -> None:
+    script = WAIT_SCRIPT.format(setting=setting, seconds=seconds)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    told = [line for line in done.stderr.splitlines() if "compiling for this machine" in line]
+    assert len(told) == len(done.stderr.splitlines()) == lines
+    assert done.stdout == ""
+
+
 # ---- invalidation ----------------------------------------------------------------------------------------------------
 
 CALLEE = """
