@@ -270,7 +270,7 @@ def _warn_of_units(
     robot: Robot,
     rotations: Rotations,
     margin: float,
-    outside: str,
+    outside: Outside,
 ) -> None:
     """Warn if a robot's size or place suggests another unit or origin."""
     lower, upper = robot.shape.outer.bounds

@@ -122,7 +122,7 @@ class CSpace(ConfigurationMap, MapExport):
     >>> space.is_connected((1.0, 1.0), (7.0, 1.0)), space.is_disconnected((1.0, 1.0), (7.0, 1.0))
     (True, False)
     >>> round(space.clearance((2.0, 3.0)), 3)
-    1.7
+    1.648
     """
 
     def __init__(

@@ -111,15 +111,6 @@ def test_the_memory_estimate_of_rasters_is_near_the_measurement(robot, rotations
     assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
 
 
-def test_labelling_beyond_memory_is_refused_before_it_begins(monkeypatch):
-    space = cspace.build(cspace.Workspace.from_array([[False] * 99] * 99, 0.1), cspace.Robot.disc(0.1), rotations=8)
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 100)
-    with pytest.raises(cspace.InputError, match=r"the map, to join its cells, .* use a spacing of at least"):
-        space.is_connected((1.0, 1.0, 0.0), (2.0, 2.0, 0.0))
-    monkeypatch.undo()
-    assert space.is_connected((1.0, 1.0, 0.0), (2.0, 2.0, 0.0))
-
-
 def test_durations_are_formatted_in_round_units():
     assert [time_text(n) for n in (0.034, 7.0, 130.0, 8000.0, 1e6)] == [
         "0.03 s", "7 s", "2 minutes", "2 hours", "10 days",

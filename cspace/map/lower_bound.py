@@ -48,6 +48,9 @@ STRETCH: Final = 1.0 / math.cos(0.5 * math.atan(0.5))
 ROUNDING_SHARE: Final = 1e-5
 """Share by which sums in single precision may exceed the exact distance."""
 
+STRAIGHT_ROUNDING_SHARE: Final = 1e-12
+"""Share by which a distance in double precision may exceed the exact one."""
+
 
 def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
     """Bound the length of paths through passable cells from below, in cells.
@@ -93,7 +96,7 @@ def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Fl
     labels, _ = ndimage.label(passable)
     if labels[tuple(cells[0])] != labels[tuple(cells[1])]:
         return math.inf
-    straight = float(np.linalg.norm(goal - start)) * (1.0 - ROUNDING_SHARE)
+    straight = float(np.linalg.norm(goal - start)) * (1.0 - STRAIGHT_ROUNDING_SHARE)
     pinches = _find_pinches(passable)
     corners = [_nearest_corner(q, cell, pinches) for q, cell in zip((start, goal), cells, strict=True)]
     if corners[0] is None or corners[1] is None:
