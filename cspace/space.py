@@ -121,8 +121,8 @@ class CSpace(ConfigurationMap, MapExport):
     False
     >>> space.is_connected((1.0, 1.0), (7.0, 1.0)), space.is_disconnected((1.0, 1.0), (7.0, 1.0))
     (True, False)
-    >>> round(space.clearance((2.0, 3.0)), 3)
-    1.7
+    >>> round(space.clearance((2.05, 3.05)), 3)
+    1.65
     """
 
     def __init__(
