@@ -116,8 +116,6 @@ class SweptTriangles(NamedTuple):
     triangles : ndarray of float64, shape (n, 3, 3)
     growth, nearest, farthest : ndarray of float64, shape (n,)
     origin : ndarray of float64, shape (3,)
-    size : float
-        Longest side of the box around all triangles.
     swing : float
         Maximum displacement of a point at distance 1 from the origin.
     about_z : bool
@@ -128,7 +126,6 @@ class SweptTriangles(NamedTuple):
     nearest: Floats
     farthest: Floats
     origin: Floats
-    size: float
     swing: float
     about_z: bool
 
@@ -143,20 +140,16 @@ def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTria
     ``swing`` is the maximum displacement of a point at distance 1 from the origin (from the z axis,
     if ``about_z``); 0 if the triangles do not rotate. All lengths are in cells.
     """
-    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    if swing == 0.0:
-        zero = np.zeros(len(triangles))
-        anywhere = np.full(len(triangles), np.inf)
-        return SweptTriangles(triangles, zero, zero, anywhere, np.zeros(3), size, swing, about_z)
-    pieces = subdivide(triangles, _MAX_GROWTH_VARIATION / swing, _MAX_RELATIVE_VARIATION, about_z)
+    max_side = _MAX_GROWTH_VARIATION / swing if swing > 0.0 else math.inf
+    pieces = subdivide(triangles, max_side, _MAX_RELATIVE_VARIATION, about_z)
     levers = pieces[..., : 2 if about_z else 3]
     centers = (levers[:, 0] + levers[:, 1] + levers[:, 2]) / 3.0
-    to_center = np.sqrt(np.einsum("ij,ij->i", centers, centers))
+    to_center = np.sqrt(_square_lengths(centers))
     nearest = to_center - _max_corner_distance(levers - centers[:, None])
     # The distance from the origin is convex, so it is largest at a corner.
     farthest = _max_corner_distance(levers)
     growth = swing * farthest
-    return SweptTriangles(pieces, growth, nearest, farthest, np.zeros(3), size, swing, about_z)
+    return SweptTriangles(pieces, growth, nearest, farthest, np.zeros(3), swing, about_z)
 
 
 def _max_corner_distance(triangles: Floats) -> Floats:
@@ -167,8 +160,8 @@ def _max_corner_distance(triangles: Floats) -> Floats:
 def subdivide(
     triangles: Floats,
     max_side: float,
-    max_relative: float = 0.0,
-    about_z: bool = False,
+    max_relative: float,
+    about_z: bool,
 ) -> Floats:
     """Halve triangles across the longest side until it is short.
 
@@ -198,7 +191,8 @@ def subdivide(
 
 
 def _square_lengths(vectors: Floats) -> Floats:
-    """Return the squared lengths of vectors, faster than along a short axis."""
+    """Return the squared lengths of vectors."""
+    # numpy is slow along a short axis.
     return np.asarray(sum(vectors[..., axis] ** 2 for axis in range(vectors.shape[-1])))
 
 
@@ -209,7 +203,8 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     ``i + [-half, half]^3``. The cubes that meet a triangle must be set already, unless ``half`` is
     zero. Lengths are in cells, in the index frame of ``out``.
     """
-    slack = _RADIUS_SLACK + 2.0**-34 * swept.size
+    extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
+    slack = _RADIUS_SLACK + 2.0**-34 * extent
     min_slabs = 1 + len(out) * _MIN_CUBES_PER_THREAD // max(1, out.size)
     in_slabs(_mark_within, out, swept, half, radius, slack, min_slabs=min_slabs)
 
@@ -326,12 +321,11 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
         square = du * du + dv * dv
         if square == 0.0:
             continue
-        for corner in range(4):
-            wu = center[u] + (half if corner & 1 else -half) - p[u]
-            wv = center[v] + (half if corner & 2 else -half) - p[v]
-            t = (wu * du + wv * dv) / square
-            if 0.0 <= t <= 1.0 and abs(p[axis] + t * da - center[axis]) <= half:
-                best = min(best, abs(wu * dv - wv * du) / math.sqrt(square))
+        for wu in (center[u] - half - p[u], center[u] + half - p[u]):
+            for wv in (center[v] - half - p[v], center[v] + half - p[v]):
+                t = (wu * du + wv * dv) / square
+                if 0.0 <= t <= 1.0 and abs(p[axis] + t * da - center[axis]) <= half:
+                    best = min(best, abs(wu * dv - wv * du) / math.sqrt(square))
     return best
 
 
@@ -339,11 +333,10 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
 def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float:
     """Return the distance between a triangle and a disjoint cube."""
     best = math.inf
-    for corner in range(8):
-        x = center[0] + (half if corner & 1 else -half)
-        y = center[1] + (half if corner & 2 else -half)
-        z = center[2] + (half if corner & 4 else -half)
-        best = min(best, point_triangle((x, y, z), triangle))
+    for x in (center[0] - half, center[0] + half):
+        for y in (center[1] - half, center[1] + half):
+            for z in (center[2] - half, center[2] + half):
+                best = min(best, point_triangle((x, y, z), triangle))
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
         best = min(best, _cube_point_distance(minus(row_at(p, 0), center), half))
@@ -395,19 +388,19 @@ def _is_swept_near(
     radius: float,
     slack: float,
 ) -> bool:
-    """Return True if a cube is within a radius of what triangle ``t`` sweeps."""
-    # Squares of the nearest and the farthest distance of the cube from the origin.
-    low, high = 0.0, 0.0
-    for axis in range(2 if swept.about_z else 3):
-        from_origin = abs(center[axis] - swept.origin[axis])
-        low += max(0.0, from_origin - half) ** 2
-        high += (from_origin + half) ** 2
-    nearest = max(0.0, swept.nearest[t] - radius - slack)
-    farthest = swept.farthest[t] + radius + slack
-    if low > farthest**2 or high < nearest**2:
+    """Return True if a cube is within a radius of what triangle ``t`` sweeps.
+
+    The cube is not beyond the farthest point of the triangle.
+    """
+    x, y, z = minus(center, row_at(swept.origin, 0))
+    square = (abs(x) + half) ** 2 + (abs(y) + half) ** 2
+    if not swept.about_z:
+        square += (abs(z) + half) ** 2
+    # Distance from the origin that points within the radius of the cube do not exceed.
+    distance = math.sqrt(square) + radius
+    if distance < swept.nearest[t] - slack:
         return False
-    # A point in the cube is at most sqrt(high) + radius from the origin, which bounds the move.
-    displacement = min(swept.growth[t], swept.swing * (math.sqrt(high) + radius))
+    displacement = min(swept.growth[t], swept.swing * distance)
     return _is_near(swept.triangles[t], center, half, displacement + radius, slack)
 
 
@@ -441,12 +434,38 @@ def _mark_within(
         for i in range(first_x, last_x + 1):
             for j in range(first_y, last_y + 1):
                 height = a[2] + along_x * (i - a[0]) + along_y * (j - a[1])
-                first = max(first_z, math.ceil(height - half_height))
-                last = min(last_z, math.floor(height + half_height))
+                low, high = _heights_in_sphere(swept, t, i, j, half, radius + slack)
+                first = max(first_z, math.ceil(max(low, height - half_height)))
+                last = min(last_z, math.floor(min(high, height + half_height)))
                 for k in range(first, last + 1):
                     center = float(i), float(j), float(k)
                     if not out[i, j, k] and _is_swept_near(swept, t, center, half, radius, slack):
                         out[i, j, k] = True
+
+
+@kernel
+def _heights_in_sphere(
+    swept: SweptTriangles,
+    t: int,
+    x: float,
+    y: float,
+    half: float,
+    distance: float,
+) -> tuple[float, float]:
+    """Return the z-interval of the cubes above (x, y) that triangle ``t`` can reach.
+
+    They are within a distance of the sphere, or the cylinder about z, of its farthest point.
+    """
+    farthest = swept.farthest[t] + distance
+    gap_x = max(0.0, abs(x - swept.origin[0]) - half)
+    gap_y = max(0.0, abs(y - swept.origin[1]) - half)
+    rest = farthest * farthest - gap_x * gap_x - gap_y * gap_y
+    if rest < 0.0:
+        return 1.0, 0.0
+    rise = _UNLIMITED
+    if not swept.about_z:
+        rise = min(rise, half + math.sqrt(rest))
+    return swept.origin[2] - rise, swept.origin[2] + rise
 
 
 @kernel

@@ -269,6 +269,18 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
         assert not cells[7:].any()
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [0.0, 4.0])
+def test_filling_leaves_a_box_without_a_face_open(axis, side):
+    """Leave out a face at the border of cells, which are touched on both sides of it."""
+    vertices, faces = make_box((0.0, 0.0, 0.0), (4.0, 4.0, 4.0))
+    is_left_out = (vertices[faces][:, :, axis] == side).all(axis=1)
+    grid = Grid((-2, -2, -2), 1.0, (9, 9, 9))
+    with pytest.warns(MeshWarning, match="encloses no cell"):
+        assert not Mesh.of((vertices, faces[~is_left_out]), "fill").cells(grid)[1].any()
+    assert Mesh.of((vertices, faces), "fill").cells(grid)[1].sum() == 2**3
+
+
 def measure_torus_distance(points, major=2.0, minor=0.8):
     return np.hypot(np.hypot(points[..., 0], points[..., 1]) - major, points[..., 2]) - minor
 
