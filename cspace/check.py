@@ -283,10 +283,11 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if array.dtype.kind != "b" and (wrong := (array != 0) & (array != 1)).any():
         entry, value = _first_wrong_entry(array, name, wrong)
         hint = "compare with a threshold first, e.g. array >= 50"
-        if value == UNKNOWN_CELL:
-            rule = "unknown cells of ROS (-1) may hide obstacles"
-            hint = "use Workspace.from_occupancy_grid, which takes them as occupied, or array != 0 for the same"
-            raise InputError(entry, f"is {value}", rule, hint, value=value)
+        if (array == UNKNOWN_CELL).any():
+            problem = f"is {value}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
+            rule = "whole numbers must be 0 or 1, and unknown cells may hide obstacles"
+            hint = "use Workspace.from_occupancy_grid, where unknown cells are occupied unless you pass unknown='free'"
+            raise InputError(entry, problem, rule, hint, value=value)
         raise InputError(entry, f"is {value}", "whole numbers must be 0 or 1", hint, value=value)
     # A boolean array may contain bytes other than 0 and 1; comparing bytes with 0 normalises them.
     stored = array.view(np.uint8) if array.dtype.kind == "b" else array

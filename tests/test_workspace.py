@@ -359,3 +359,12 @@ def test_workspaces_accept_shapes_of_every_kind():
 def test_from_shapes_rejects_invalid_arguments(shapes, message):
     with pytest.raises(InputError, match=message):
         Workspace.from_shapes(shapes, 0.1)
+
+
+def test_unknown_cells_of_ros_are_not_made_free_by_the_hint_of_an_array() -> None:
+    cells = np.array([[0, -1], [100, 0]], dtype=np.int8)
+    for array in (cells, cells[::-1]):
+        with pytest.raises(cspace.InputError, match=r"unknown cells of ROS.*from_occupancy_grid"):
+            Workspace.from_array(array, 0.1)
+    with pytest.raises(cspace.InputError, match=r"threshold first, e.g. array >= 50"):
+        Workspace.from_array(np.abs(cells) * 2, 0.1)
