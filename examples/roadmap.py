@@ -23,7 +23,7 @@ space = cspace.build(demo_workspace(spacing=0.05), cspace.Robot.disc(0.3))
 # inside a table, so the nearest FREE configuration replaces it.
 
 start, goal = space.nearest_free((13.2, 3.4)), (1.4, 8.6)
-vertices = np.vstack([start, space.sample_free(800, np.random.default_rng(1)), goal])
+vertices = np.vstack([start, space.sample_free(1200, np.random.default_rng(3)), goal])
 print(f"start: {start}")
 
 # %%
