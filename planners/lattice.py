@@ -21,7 +21,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
-from cspace.compiling import clock, jit, kernel
+from cspace.compiling import clock, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.paths import MAX_SHORTENING_SECONDS
 from cspace.map.points import around_is_free
@@ -522,7 +522,7 @@ def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, count
     return False
 
 
-@jit
+@kernel
 def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None:
     """Add the start at its nearest heading."""
     heading = 0
@@ -532,7 +532,7 @@ def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None
     _add(map_, lattice, nodes, start, heading, 0.0, -1, -1)
 
 
-@jit
+@kernel
 def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
     """Expand nodes from the start; return True when done.
 
@@ -575,7 +575,7 @@ def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
     return False
 
 
-@jit
+@kernel
 def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost: float, parent: int, move: int) -> None:
     """Add a configuration if its motion is proven free.
 
@@ -632,7 +632,7 @@ def rehash(nodes: Nodes) -> None:
         nodes.table[_slot(nodes, nodes.keys[node, 0])] = node
 
 
-@jit
+@kernel
 def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
     """Estimate the cost to the goal, metres.
 
@@ -649,7 +649,7 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
     return metres
 
 
-@jit
+@kernel
 def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
     """Return an edge's cost to the goal; infinite if unproven."""
     (x, y, yaw), goal = q, lattice.goal
@@ -681,14 +681,14 @@ def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
     return edge_is_free(map_, None, q0, q1)
 
 
-@jit
+@kernel
 def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
     """Write the costs, metres, of curves from `starts` to `end`."""
     for k in range(len(starts)):
         out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
 
 
-@jit
+@kernel
 def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
     """Return the cost of a car's shortest curve, metres."""
     _, lengths, _ = shortest_word(kind, radius, q0, q1)

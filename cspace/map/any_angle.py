@@ -18,9 +18,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, States
-from cspace.compiling import jit, kernel
+from cspace.compiling import kernel
 from cspace.map.search import check_deadline
 from cspace.map.storage import Cells, read_only, row_in, state_in, zeros_below
+from cspace.rotations.records import jit
 
 NODES_PER_STEP: Final = 2**13
 """Search nodes expanded between two checks of the time limit: about a millisecond."""

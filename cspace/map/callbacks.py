@@ -11,10 +11,10 @@ from types import FunctionType
 from typing import Any, Final, NamedTuple
 
 from cspace.arrays import FREE, Numbers
-from cspace.compiling import bind_kernel, compilable, jit
 from cspace.map.edges import edge_is_free
 from cspace.map.points import state_at
 from cspace.map.storage import Map
+from cspace.rotations.records import bind_kernel, compilable, jit
 
 
 def point_checker(map_: Map, size: int) -> Callable[..., bool]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import FREE, Floats, Ints, States, Words
-from cspace.compiling import always_inline, compilable, dispatch_on_type, kernel
+from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK
 from cspace.map.callbacks import callback
@@ -29,6 +29,7 @@ from cspace.map.derived import Lock
 from cspace.map.mip import BLOCK_SHIFT, BLOCK_SIDE, ROWS_PER_BLOCK_ROW, OccupancyBits, PlaneMarks, SpaceMarks
 from cspace.map.points import MAX_CELL, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.storage import Map, Stack, zeros_above, zeros_below
+from cspace.rotations.records import always_inline, compilable, dispatch_on_type
 from cspace.threads import in_chunks
 
 Position = tuple[float, float, float]

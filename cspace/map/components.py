@@ -12,9 +12,10 @@ import scipy  # its modules are loaded at their first use
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
-from cspace.compiling import always_inline, kernel
+from cspace.compiling import kernel
 from cspace.map.storage import Cells, Stack, cells_of, high_bits, popcount, prefetch_cell, read_only, row_in, state_in
 from cspace.raster.surfaces import merge_sets
+from cspace.rotations.records import always_inline
 from cspace.threads import cores, in_threads
 
 Nodes = NDArray[np.int32]

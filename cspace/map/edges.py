@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from cspace.arrays import FREE, Bools, Floats, Words
-from cspace.compiling import always_inline, kernel
+from cspace.compiling import kernel
 from cspace.grid import SLACK
 from cspace.map.mip import BLOCK_SHIFT, BLOCK_SIDE, ONE
 from cspace.map.points import (
@@ -26,6 +26,7 @@ from cspace.map.points import (
     run_is_free,
 )
 from cspace.map.storage import Map, state_in
+from cspace.rotations.records import always_inline
 
 MIN_PROBE_SHARE = 1.0 / 16.0
 """Smallest distance of probes on an edge, as a fraction of its length."""

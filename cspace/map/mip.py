@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import FREE, Ints, States, Words
-from cspace.compiling import always_inline, dispatch_on_type, kernel
+from cspace.compiling import kernel
 from cspace.map.derived import Lock
 from cspace.map.storage import Stack, read_only
+from cspace.rotations.records import always_inline, dispatch_on_type
 from cspace.threads import in_chunks
 
 BLOCK_SHIFT: Final = 3

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import FREE, Bytes, Floats, Ints
-from cspace.compiling import jit, kernel
+from cspace.compiling import kernel
 from cspace.grid import Grid
 from cspace.map.storage import Cells, PackedStates, Stack, popcount, row_in
 from cspace.rotations import Rotations
+from cspace.rotations.records import jit
 
 Chunks = NDArray[np.int32]
 

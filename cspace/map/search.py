@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Bytes, Floats, Ints
-from cspace.compiling import clock, jit, kernel
+from cspace.compiling import clock, kernel
 from cspace.map.storage import Cells, Map, Stack, cells_of, check_bytes, row_in, state_in
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
+from cspace.rotations.records import jit
 
 Costs = NDArray[np.float32]
 Levels = NDArray[np.uint16]

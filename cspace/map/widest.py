@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from cspace.arrays import FREE, Bools, Bytes, Floats, Ints
-from cspace.compiling import always_inline, jit, kernel
+from cspace.compiling import kernel
 from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.clearance import Squares, range_outside
@@ -32,6 +32,7 @@ from cspace.map.periodic import below_half_a_turn
 from cspace.map.search import Graph, Guide, Levels, check_deadline, turn_costs
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
+from cspace.rotations.records import always_inline, jit
 from cspace.threads import cores, in_chunks, in_threads
 
 Join = Callable[[Bytes], Components]
