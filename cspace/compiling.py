@@ -48,19 +48,31 @@ FILES_WITHOUT_KERNELS: Final = (
 )
 """Files that kernels depend on; the last three have constants that are compiled into kernels."""
 
-_KERNELS: Final = re.compile(rb"^@(kernel|jit|always_inline|compilable)\b", re.MULTILINE)
+_KERNELS: Final = re.compile(rb"^@(kernel|allocating|jit|always_inline|compilable)\b", re.MULTILINE)
 
 _CONFIG: Final[Any] = numba.config
 _CONFIG_LOCK: Final = threading.Lock()
 
 
 def kernel(function: F) -> F:
-    """Compile a function with numba at its first call.
+    """Compile a function that allocates no arrays, at its first call.
 
     The GIL is released while it runs. Division by zero gives infinity or NaN.
     """
+    # Numba would count references to each array of a record at each call, which takes up to eight
+    # times as long as the work.
+    return _compile(function, _nrt=False)
+
+
+def allocating(function: F) -> F:
+    """Compile a function that allocates arrays; else like :func:`kernel`."""
+    return _compile(function, _nrt=True)  # numba takes options that are not given from the caller
+
+
+def _compile(function: F, **options: Any) -> F:
+    """Compile a function with numba, and cache its code in our folder."""
     folder = cache_folder()
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "cache": folder is not None}
+    options |= {"nogil": True, "error_model": "numpy", "cache": folder is not None}
     options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
     with _CONFIG_LOCK:
         user_folder = _CONFIG.CACHE_DIR

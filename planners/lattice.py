@@ -21,7 +21,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
-from cspace.compiling import clock, kernel
+from cspace.compiling import allocating, clock, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.paths import MAX_SHORTENING_SECONDS
 from cspace.map.points import around_is_free
@@ -530,7 +530,7 @@ def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, count
     return False
 
 
-@kernel
+@allocating
 def expand_nodes(map_: Map, lattice: Lattice, car: Car, nodes: Nodes) -> bool:
     """Expand nodes from the start; return True when done.
 
@@ -574,7 +574,7 @@ def expand_nodes(map_: Map, lattice: Lattice, car: Car, nodes: Nodes) -> bool:
     return False
 
 
-@kernel
+@allocating
 def add_node(
     map_: Map,
     lattice: Lattice,
@@ -645,7 +645,7 @@ def rehash(nodes: Nodes) -> None:
         nodes.table[_slot(nodes, nodes.keys[node, 0])] = node
 
 
-@kernel
+@allocating
 def _remaining(map_: Map, lattice: Lattice, car: Car, q: Pose, heading: int) -> float:
     """Estimate the cost to the goal, metres.
 
@@ -664,7 +664,7 @@ def _remaining(map_: Map, lattice: Lattice, car: Car, q: Pose, heading: int) -> 
     return metres
 
 
-@kernel
+@allocating
 def _cost_to_goal(map_: Map, lattice: Lattice, car: Car, q: Pose) -> float:
     """Return an edge's cost to the goal; infinite if unproven."""
     (x, y, yaw), goal = q, lattice.goal
@@ -697,14 +697,14 @@ def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
     return edge_is_free(map_, None, q0, q1)
 
 
-@kernel
+@allocating
 def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
     """Write the costs, metres, of curves from `starts` to `end`."""
     for k in range(len(starts)):
         out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
 
 
-@kernel
+@allocating
 def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
     """Return the cost of a car's shortest curve, metres."""
     _, lengths, _ = shortest_word(kind, radius, q0, q1)

@@ -49,7 +49,7 @@ import scipy  # loads its submodules on first use
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import kernel
+from cspace.compiling import allocating, kernel
 from cspace.raster import Raster
 from cspace.threads import cores, in_threads
 
@@ -644,7 +644,7 @@ def place_lines(mixed: Bools, levels: Floats, lines: NDArray[Any]) -> NDArray[An
     return spectrum
 
 
-@kernel
+@allocating
 def round_sums(sums: Floats, missing: float) -> None:
     """Add ``missing`` to sums, and round them.
 

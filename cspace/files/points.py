@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, StrPath
-from cspace.compiling import kernel
+from cspace.compiling import allocating
 from cspace.errors import GeometryError
 from cspace.files.access import (
     ContentError,
@@ -230,7 +230,7 @@ def _decode_compressed(header: _PcdHeader, body: bytes, file: str) -> Floats:
     return np.stack([column.astype(np.float64) for column in columns], axis=1)
 
 
-@kernel
+@allocating
 def unpack_lzf(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     """Unpack LZF (Lehmann) into `out`.
 

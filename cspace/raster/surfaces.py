@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import kernel
+from cspace.compiling import allocating, kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap
@@ -476,7 +476,7 @@ def _sum_crossings(points: Floats, out: Ints, triangles: Floats, windings: Ints,
         out[p] = winding
 
 
-@kernel
+@allocating
 def _mark_enclosed(out: Bools, triangles: Floats, windings: Ints, start: int, stop: int) -> None:
     """Set ``out[i]`` if surfaces enclose lattice point ``i``.
 

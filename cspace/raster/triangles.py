@@ -45,7 +45,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Bytes, Floats
-from cspace.compiling import kernel
+from cspace.compiling import allocating, kernel
 from cspace.grid import SLACK
 from cspace.kernels import THIN, nearest_of_triangle, normal_of, point_triangle
 from cspace.threads import in_chunks
@@ -168,7 +168,7 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     in_chunks(work, len(out), 1 + len(out) * _MIN_CUBES_PER_THREAD // max(1, out.size))
 
 
-@kernel
+@allocating
 def subdivide(triangles: Floats, max_side: float, max_relative: float = 0.0, about_z: bool = False) -> Floats:
     """Halve triangles across the longest side until it is short.
 
@@ -279,7 +279,7 @@ def _clip_to_interval(polygon: Floats, n: int, y0: float, y1: float) -> tuple[fl
     return low, high
 
 
-@kernel
+@allocating
 def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float, start: int, stop: int) -> None:
     """Set ``out[i, j, k]`` if that box is within ``slack`` of a triangle.
 
@@ -392,7 +392,7 @@ def _is_near(triangle: Floats, center: Floats, half: float, max_distance: float,
     return _cube_triangle_distance(triangle, center, half) <= max_distance + slack
 
 
-@kernel
+@allocating
 def _mark_within(
     out: Bytes, swept: SweptTriangles, half: float, radius: float, slack: float, start: int, stop: int
 ) -> None:

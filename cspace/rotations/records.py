@@ -14,7 +14,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload, overload_method, register_jitable
 
-from cspace.compiling import kernel
+from cspace.compiling import allocating, kernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -28,8 +28,8 @@ always_inline: Final = kernel
 
 
 def jit(function: F, **options: Any) -> F:
-    """Compile a function like :func:`kernel`; options are ignored."""
-    return kernel(function)
+    """Compile a function that may allocate arrays, unless ``_nrt`` is False."""
+    return allocating(function) if options.get("_nrt", True) else kernel(function)
 
 
 def compilable(plain: F) -> F:
@@ -49,7 +49,7 @@ def _register(function: FunctionType) -> None:
     """Register a function, or the method of a record."""
     name = function.__name__
     if "." not in function.__qualname__:
-        register_jitable(**_OPTIONS)(function)
+        register_jitable(**_OPTIONS, _nrt=False)(function)
     elif name not in _METHODS:
         _METHODS.add(name)
 
@@ -67,7 +67,7 @@ def dispatch_on_type(function: Callable[..., Any], implementations: dict[type, C
     The type of the first argument decides. Types are record classes or ``numpy.ndarray``; ``object`` stands for all
     others. Only the chosen implementation is compiled.
     """
-    options: Any = _OPTIONS
+    options: Any = {**_OPTIONS, "_nrt": False}
 
     @overload(function, jit_options=options, strict=False)
     def choose(first: Any, *others: Any) -> Any:
