@@ -28,6 +28,7 @@ BENCHMARKS = {
     "arms": "poses, changing scenes and paths of arms, to 14 joints, against OMPL with coal and VAMP; false frees",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, placements, each against another way; misses",
+    "first_use": "CPU time and compilations of the demo and of first plans, in new processes, with and without a cache",
     "tiles": "maps in tiles: builds against memory, one and two workers, 65,536^2 cells and 16,384^2 x 16 yaws",
 }
 

@@ -1,365 +1,187 @@
-"""Compile functions with numba, cache their code on disk, and announce each compilation."""
+"""Compile functions with numba, and keep their machine code on disk."""
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
-import inspect
 import logging
 import os
 import re
+import shutil
 import stat
 import sys
+import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
-from types import FunctionType
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar
+
+import numba
+from numba.core import event
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 LOGGER: Final = logging.getLogger("cspace.compiling")
-"""Logger of the first compilation in each module, at INFO; programs that show progress add a handler."""
-
-LONG_WAIT_SECONDS: Final = 2.0
-"""Seconds of compiling after which a program that shows no progress gets a line on stderr."""
+"""Logger of one line a process about a long wait for the compiler."""
 
 LONG_WAIT: Final = (
-    "cspace: compiling for this machine, which happens once and may take half a minute; "
+    "cspace: compiling for this machine, for up to half a minute, %s; "
     "logging.getLogger('cspace.compiling').disabled = True hides this line"
 )
-"""That line."""
+"""The line; ``%s`` is how often to expect the wait."""
 
-_IMPORT: Final = re.compile(r"^\s*from ((?:cspace|planners)\b[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE)
-"""Import of our modules. The cache key of a function covers all modules that its own imports in this way."""
+LONG_WAIT_SECONDS: Final = 2.0
+"""Seconds of compiling after which the line is logged."""
 
-_OPTIONS: Final[Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""Numba's options for every compiled function; numba types ``min``, ``range`` and such once for each set of options."""
+KEPT_SECONDS: Final = 7 * 24 * 3600.0
+"""Seconds for which the code of another version is kept after its last use."""
 
-_UNREGISTERED: Final[list[FunctionType]] = []
-"""Functions decorated by :func:`compilable` that numba does not know yet."""
+FILES_WITHOUT_KERNELS: Final = (
+    "cspace/__init__.py",  # the version
+    "cspace/compiling.py",
+    "cspace/arrays.py",
+    "cspace/exact/__init__.py",
+    "cspace/grid.py",
+)
+"""Files that kernels depend on; the last three have constants that are compiled into kernels."""
 
-_METHODS: Final[set[str]] = set()
-"""Names of registered methods; numba compiles the method of the record's own class."""
+_KERNELS: Final = re.compile(rb"^@(kernel|allocating|jit|always_inline|compilable)\b", re.MULTILINE)
 
-_IMPLEMENTED_BY: Final[dict[str, set[str]]] = {}
-"""Modules of the implementations, for each module with a function given to :func:`dispatch_on_type`."""
-
-
-class _Clock:
-    """A clock, in seconds, that stops while functions are compiled and cached.
-
-    Time limits are measured with this clock. Compilations may nest, but only within one thread.
-    """
-
-    # Nested stops, start of the outermost, seconds stopped so far: one tuple, which other threads read at one moment.
-    _state = 0, 0.0, 0.0
-
-    def __call__(self) -> float:
-        """Return the time, excluding stops."""
-        depth, since, stopped = self._state
-        return (since if depth else time.perf_counter()) - stopped
-
-    def stop(self) -> None:
-        """Stop the clock; stops may nest."""
-        depth, since, stopped = self._state
-        self._state = depth + 1, since if depth else time.perf_counter(), stopped
-
-    @property
-    def stopped(self) -> float:
-        """Seconds for which the clock has stopped so far."""
-        return time.perf_counter() - self()
-
-    def resume(self) -> None:
-        """End a stop; the clock runs again after the outermost."""
-        depth, since, stopped = self._state
-        self._state = depth - 1, since, stopped if depth > 1 else stopped + time.perf_counter() - since
-
-
-clock: Final = _Clock()
-
-
-# ---- decorators ------------------------------------------------------------------------------------------------------
-
-
-def jit(function: F, **options: Any) -> F:
-    """Compile a function with numba at its first call.
-
-    The GIL is released while it runs. The code is cached beside the module, in the user's cache folder, or in
-    ``NUMBA_CACHE_DIR``: in the first folder that the user may write to and nobody else may, because cached code is
-    executed. Without such a folder each run compiles anew. Division by zero gives infinity or NaN, and 0 for integers.
-    The function must not call itself by way of another function, because numba's cache cannot restore that. Options are
-    passed to ``numba.njit``.
-    """
-    from numba import njit
-
-    _announce_compiling()
-    _register_compilable()
-    compiled = njit(**{**_OPTIONS, "_nrt": True, **options})(function)  # set, or it would be that of the caller
-    with suppress(RuntimeError):  # numba found no folder that it may write to
-        compiled._cache = _cache_class()(function)
-    return cast(F, compiled)
+_CONFIG: Final[Any] = numba.config
+_CONFIG_LOCK: Final = threading.Lock()
 
 
 def kernel(function: F) -> F:
-    """Compile a function that allocates no arrays.
+    """Compile a function that allocates no arrays, at its first call.
 
-    Numba then omits reference counting, which costs 30 ns for each array argument of a call from Python, and in inner
-    loops as much as the work.
+    The GIL is released while it runs. Division by zero gives infinity or NaN.
     """
-    return jit(function, _nrt=False)
+    # Numba would count references to each array of a record at each call, which takes up to eight
+    # times as long as the work.
+    return _compile(function, _nrt=False)
 
 
-def always_inline(function: F) -> F:
-    """Compile a small kernel into each compiled function that calls it."""
-    return jit(function, _nrt=False, forceinline=True)
+def allocating(function: F) -> F:
+    """Compile a function that allocates arrays; else like :func:`kernel`."""
+    return _compile(function, _nrt=True)  # numba takes options that are not given from the caller
 
 
-def compilable(plain: F) -> F:
-    """Register plain functions for use in compiled code.
-
-    Decorate a function or a record class, whose methods are registered. The decorated object stays plain Python, and
-    its module imports no numba. Methods of one name take the same number of arguments in every class, and no record has
-    a field of that name.
-    """
-    members = [plain] if isinstance(plain, FunctionType) else list(vars(plain).values())
-    _UNREGISTERED.extend(each for each in members if inspect.isfunction(each) and each.__name__[0] != "_")
-    if _announce_compiling.cache_info().currsize:  # numba is imported
-        _register_compilable()
-    return plain
-
-
-def _register_compilable() -> None:
-    """Register with numba what :func:`compilable` decorated since the last call."""
-    from numba import types
-    from numba.extending import overload_method, register_jitable
-
-    for function in _UNREGISTERED:
-        name = function.__name__
-        if "." not in function.__qualname__:
-            register_jitable(**_OPTIONS, _nrt=False)(function)
-        elif name not in _METHODS:
-            _METHODS.add(name)
-
-            def choose(record: Any, *others: Any, name: str = name) -> Any:
-                return getattr(record.instance_class, name, None)
-
-            choose.__signature__ = inspect.signature(function)  # type: ignore[attr-defined]
-            options: Any = {"jit_options": _OPTIONS, "strict": False}
-            overload_method(types.BaseNamedTuple, name, **options)(choose)
-    _UNREGISTERED.clear()
-
-
-def dispatch_on_type(function: Callable[..., Any], implementations: dict[type, Callable[..., Any]]) -> None:
-    """Choose an implementation by type, in compiled code.
-
-    The type of the first argument decides. Types are record classes or ``numpy.ndarray``; ``object`` stands for all
-    others. Only the chosen implementation is compiled.
-    """
-    import numpy as np
-    from numba import types
-    from numba.extending import overload
-
-    _IMPLEMENTED_BY.setdefault(function.__module__, set()).update(each.__module__ for each in implementations.values())
-
-    options: Any = {**_OPTIONS, "_nrt": False}
-
-    @overload(function, jit_options=options, strict=False)
-    def choose(first: Any, *others: Any) -> Any:
-        kind = np.ndarray if isinstance(first, types.Array) else getattr(first, "instance_class", object)
-        return implementations.get(kind)
-
-
-def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[..., Any]:
-    """Bind a kernel to its first arguments.
-
-    Calls skip numba's dispatch, so that all other arguments must have the types of ``others``.
-    """
-    import numba
-
-    types = tuple(map(numba.typeof, (*fixed, *others)))
-    kernel.compile(types)
-    return partial(kernel.get_overload(types), *fixed)
-
-
-# ---- the cache -------------------------------------------------------------------------------------------------------
+def _compile(function: F, **options: Any) -> F:
+    """Compile a function with numba, and cache its code in our folder."""
+    folder = cache_folder()
+    options |= {"nogil": True, "error_model": "numpy", "cache": folder is not None}
+    options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
+    with _CONFIG_LOCK:
+        user_folder = _CONFIG.CACHE_DIR
+        _CONFIG.CACHE_DIR = str(folder)
+        try:
+            return numba.njit(**options)(function)  # type: ignore[no-any-return]
+        finally:
+            _CONFIG.CACHE_DIR = user_folder
 
 
 @cache
-def _cache_class() -> Any:
-    """Return numba's function cache, stamped with all sources of a function.
-
-    Numba stamps it with the function's own file alone, so it would use a stale callee after the callee's file changed.
-    """
-    from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
-    from numba.core.runtime.nrt import rtsys
-
-    class OwnFolder:
-        def ensure_cache_path(self) -> None:
-            super().ensure_cache_path()  # type: ignore[misc]
-            if not is_private(Path(self.get_cache_path())):  # type: ignore[attr-defined]
-                raise PermissionError
-
-    class Folders(CompileResultCacheImpl):
-        _locator_classes = [  # noqa: RUF012
-            cast(type[object], type(each.__name__, (OwnFolder, each), {}))
-            for each in CompileResultCacheImpl._locator_classes
-        ]
-
-    class CheckedFile(IndexDataCacheFile):
-        """Cached code, stored with its key.
-
-        Otherwise two processes that save at once might exchange the files of their code.
-        """
-
-        def load(self, key: Any) -> Any:
-            with suppress(Exception):  # a damaged file counts as absent
-                saved_key, code = super().load(key)  # type: ignore[no-untyped-call]
-                return code if saved_key == (self._source_stamp, key) else None
-
-        def save(self, key: Any, code: Any) -> None:
-            with suppress(OSError):  # a full disk, or a folder that has gone
-                super().save(key, ((self._source_stamp, key), code))  # type: ignore[no-untyped-call]
-
-        def _load_index(self) -> Any:
-            with suppress(Exception):
-                return super()._load_index()  # type: ignore[no-untyped-call]
-            return {}
-
-    class SourceCache(FunctionCache):
-        _impl_class = Folders
-
-        def __init__(self, function: Callable[..., Any]) -> None:
-            super().__init__(function)  # type: ignore[no-untyped-call]
-            stamp = digest_sources({function.__module__})
-            self._cache_file = CheckedFile(self._cache_path, self._impl.filename_base, stamp)  # type: ignore[no-untyped-call]
-
-        def _index_key(self, signature: Any, codegen: Any) -> Any:
-            # Methods of records are compiled into the function, from modules that it need not import.
-            records = digest_sources(_record_modules(signature))
-            return (*super()._index_key(signature, codegen), records)  # type: ignore[no-untyped-call]
-
-        def load_overload(self, signature: Any, target: Any) -> Any:
-            # Numba would first import everything that it can compile, which takes longer than loading the cache.
-            rtsys.initialize(target)
-            return self._load_overload(signature, target)  # type: ignore[no-untyped-call]
-
-        def save_overload(self, signature: Any, compiled: Any) -> None:
-            clock.stop()
-            try:
-                super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
-            finally:
-                clock.resume()
-
-    return SourceCache
+def cache_folder() -> Path | None:
+    """Return the folder of this version's code, or None if no folder is safe to use."""
+    name = f"numba-{numba.__version__}-{sys.implementation.cache_tag}-{_digest_sources()}"
+    temporary = f"{tempfile.gettempdir()}/cache-{os.geteuid()}"
+    places = (_CONFIG.CACHE_DIR, os.environ.get("XDG_CACHE_HOME"), "~/.cache", temporary)
+    for place in filter(None, places):
+        folder = Path(place).expanduser() / "cspace" / name
+        with suppress(OSError):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if is_private(folder):
+                (folder / "lock").touch()  # the time of the last use
+                _remove_unused(folder.parent)
+                return folder
+    return None
 
 
-def digest_sources(modules: Iterable[str]) -> str:
-    """Return a digest of modules and of the modules that they import.
-
-    Only modules of ours count.
-    """
-    pending, seen = list(modules), set[str]()
-    while pending:
-        module = pending.pop()
-        if module not in seen:
-            seen.add(module)
-            pending += [*_source(module)[1], *_IMPLEMENTED_BY.get(module, ())]
-    sources = "".join(f"{module} {_source(module)[0]}\n" for module in sorted(seen))
-    return hashlib.sha256(sources.encode()).hexdigest()
+def _digest_sources() -> str:
+    """Return a digest of all that is compiled into kernels."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for package in ("cspace", "planners"):
+        for file in sorted((root / package).rglob("*.py")):
+            source = file.read_bytes()
+            if _KERNELS.search(source) or file.relative_to(root).as_posix() in FILES_WITHOUT_KERNELS:
+                digest.update(source)
+    return digest.hexdigest()[:16]
 
 
-@cache
-def _source(module: str) -> tuple[str, frozenset[str]]:
-    """Return the digest and the imports of a module's source.
-
-    Only imports of our modules count; modules of other packages have none.
-    """
-    path = getattr(sys.modules.get(module), "__file__", None) or ""
-    if not path:
-        parts = Path(__file__).parents[1].joinpath(*module.split("."))
-        path = next((str(p) for p in (parts.with_suffix(".py"), parts / "__init__.py") if p.is_file()), "")
-    if not path:  # a name within a module, or a function made in an interpreter
-        return "", frozenset()
-    text = Path(path).read_text(encoding="utf-8")
-    names = {home: re.findall(r"\w+", names) for home, names in _IMPORT.findall(text)}
-    imported = {*names, *(f"{home}.{name}" for home, listed in names.items() for name in listed)}
-    return hashlib.sha256(text.encode()).hexdigest(), frozenset(imported)
-
-
-def _record_modules(types: Iterable[Any]) -> set[str]:
-    """Return the modules of record classes.
-
-    The classes are found among argument types, at any depth.
-    """
-    pending, modules = list(types), set[str]()
-    while pending:
-        each = pending.pop()
-        if hasattr(each, "instance_class"):
-            modules.add(each.instance_class.__module__)
-        pending.extend(getattr(each, "types", ()))
-    return modules
-
-
-@cache
 def is_private(folder: Path) -> bool:
-    """Return True if only the user can have written to a folder.
-
-    The folder must belong to the user. Neither others nor a group other than the user's own may write to it or to a
-    folder above it, except to sticky folders such as ``/tmp``. On Windows nothing is checked, because a user's folders
-    are closed to others there.
-    """
-    if sys.platform == "win32":
-        return True
-    import grp
-    import pwd
-
-    private_groups = {0}
-    with suppress(KeyError):  # a user or a group without a name
-        user = pwd.getpwuid(os.geteuid())
-        if grp.getgrgid(user.pw_gid).gr_name == user.pw_name:
-            private_groups.add(user.pw_gid)
+    """Return True if no other user can replace a folder's files, which are executed."""
     folder = folder.resolve()
-    for path in (folder, *folder.parents):
-        status = path.stat()
-        others = stat.S_IWOTH if status.st_gid in private_groups else stat.S_IWOTH | stat.S_IWGRP
-        owned = path != folder or status.st_uid == os.geteuid()
-        sticky = path != folder and status.st_mode & stat.S_ISVTX
-        if not owned or (status.st_mode & others and not sticky):
-            LOGGER.info("compiled code is not cached in %s, because others may write to %s", folder, path)
-            return False
-    return True
+    modes = [path.stat().st_mode for path in (folder, *folder.parents)]
+    is_own = folder.stat().st_uid == os.geteuid()
+    is_closed = not modes[0] & (stat.S_IWGRP | stat.S_IWOTH)
+    # Entries of a sticky folder, such as /tmp, are replaced by their owners only.
+    return is_own and is_closed and all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in modes)
 
 
-@cache
-def _announce_compiling() -> None:
-    """Log compilations, and stop the clock during them.
+def _remove_unused(parent: Path) -> None:
+    """Remove the code of versions that no process has used for a week."""
+    for lock in parent.glob("*/lock"):
+        with suppress(OSError):
+            if time.time() - lock.stat().st_mtime > KEPT_SECONDS:
+                shutil.rmtree(lock.parent)
 
-    Only the first compilation in each module is logged.
+
+class _Clock(event.Listener):
+    """A clock in seconds that stops while functions are compiled, for time limits."""
+
+    # Nested compilations, start of the outermost, seconds stopped: threads read one tuple.
+    _state = 0, 0.0, 0.0
+    _is_told = False
+
+    def __call__(self) -> float:
+        depth, since, stopped = self._state
+        return (since if depth else time.perf_counter()) - stopped
+
+    def on_start(self, event: Any) -> None:
+        """Stop the clock, and tell the user once if it has stood for long."""
+        depth, since, stopped = self._state
+        self._state = depth + 1, since if depth else time.perf_counter(), stopped
+        module = event.data["dispatcher"].py_func.__module__
+        has_waited = time.perf_counter() - self() > LONG_WAIT_SECONDS
+        if has_waited and not self._is_told and module.startswith(("cspace.", "planners.")):
+            self._is_told = True
+            LOGGER.warning(LONG_WAIT, "once" if cache_folder() else "at each start, as no cache is safe")
+
+    def on_end(self, event: Any) -> None:
+        """Let the clock go on after the outermost compilation."""
+        depth, since, stopped = self._state
+        now = time.perf_counter()
+        self._state = depth - 1, since, stopped if depth > 1 else stopped + now - since
+
+
+class _SaveLock(event.Listener):
+    """A lock between processes, held while numba saves code.
+
+    Numba saves an index and a file, so that two processes at once could exchange their files.
+    It does so after a compilation ends and before its own lock is released.
     """
-    from numba.core import event
 
-    announced = set[str]()
-    begun = clock.stopped
+    def __init__(self, file: Path) -> None:
+        self._file = os.open(file, os.O_RDWR)
 
-    class Announcer(event.Listener):
-        def on_start(self, event: Any) -> None:
-            """Announce the first compilation of a module.
+    def on_start(self, event: Any) -> None:
+        """Do nothing."""
 
-            The clock of time limits stops.
-            """
-            module = str(event.data["dispatcher"].py_func.__module__)
-            if module.startswith(("cspace.", "planners.")) and module not in announced:
-                announced.add(module)
-                LOGGER.info("compiling %s, once per machine", module)
-                shows_progress = LOGGER.isEnabledFor(logging.INFO)
-                if clock.stopped - begun > LONG_WAIT_SECONDS and not shows_progress and LONG_WAIT not in announced:
-                    announced.add(LONG_WAIT)
-                    LOGGER.warning(LONG_WAIT)
-            clock.stop()
+    def on_end(self, event: Any) -> None:
+        """Take the lock when a compilation ends, and leave it with numba's lock."""
+        action = fcntl.LOCK_EX if event.kind == "numba:compile" else fcntl.LOCK_UN
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._file, action)
 
-        def on_end(self, event: Any) -> None:
-            clock.resume()
 
-    event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]
+clock: Final = _Clock()
+event.register("numba:compile", clock)  # type: ignore[no-untyped-call]
+if (_folder := cache_folder()) is not None:
+    _save_lock = _SaveLock(_folder / "lock")
+    for _kind in ("numba:compile", "numba:compiler_lock"):
+        event.register(_kind, _save_lock)  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""Small compiled functions: geometry in space, with vectors as tuples of floats, and unaligned words.
+"""Small compiled functions of geometry in space, with vectors as tuples of floats.
 
 Two kinds of geometric functions are separate, because proofs use them in different ways:
 
@@ -17,56 +17,52 @@ Two kinds of geometric functions are separate, because proofs use them in differ
 from __future__ import annotations
 
 import math
-from typing import Any, Final
-
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
+from typing import Final
 
 from cspace.arrays import Floats, Matrix, Row
-from cspace.compiling import always_inline, kernel
+from cspace.compiling import kernel
 
 THIN: Final = 2.0**-12
 """Height of a triangle, relative to its longest side, below which its plane is not used."""
 
 
-@always_inline
+@kernel
 def row_at(array: Floats, start: int) -> Row:
     """Return three consecutive entries of an array."""
     return array[start], array[start + 1], array[start + 2]
 
 
-@always_inline
+@kernel
 def minus(a: Row, b: Row) -> Row:
     """Return ``a - b``."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@always_inline
+@kernel
 def scale_vector(a: Row, factor: float) -> Row:
     """Return ``factor * a``."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 
-@always_inline
+@kernel
 def add_scaled(a: Row, u: Row, t: float) -> Row:
     """Return ``a + t * u``."""
     return a[0] + t * u[0], a[1] + t * u[1], a[2] + t * u[2]
 
 
-@always_inline
+@kernel
 def dot(a: Row, b: Row) -> float:
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@always_inline
+@kernel
 def cross(a: Row, b: Row) -> Row:
     """Return the vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@always_inline
+@kernel
 def rotate(matrix: Matrix, p: Row) -> Row:
     """Multiply a matrix by a vector.
 
@@ -76,7 +72,7 @@ def rotate(matrix: Matrix, p: Row) -> Row:
     return dot(x, p), dot(y, p), dot(z, p)
 
 
-@always_inline
+@kernel
 def rotate_back(matrix: Matrix, p: Row) -> Row:
     """Return the product of a transposed matrix and a vector.
 
@@ -90,7 +86,7 @@ def rotate_back(matrix: Matrix, p: Row) -> Row:
     )
 
 
-@always_inline
+@kernel
 def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
     """Rotate a point, then translate it.
 
@@ -99,14 +95,14 @@ def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
     return add_scaled(rotate(matrix, p), position, 1.0)
 
 
-@always_inline
+@kernel
 def box_extent(matrix: Matrix, half: Row) -> Row:
     """Return the half sides of the axis-aligned box around a rotated box."""
     x, y, z = matrix
     return extent_along(x, half), extent_along(y, half), extent_along(z, half)
 
 
-@always_inline
+@kernel
 def extent_along(n: Row, half: Row) -> float:
     """Return the half length of a box's projection onto a line.
 
@@ -229,42 +225,3 @@ def normal_of(triangle: Floats) -> Row:
     """
     a = row_at(triangle[0], 0)
     return cross(minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a))
-
-
-# ---- unaligned words -----------------------------------------------------------------------------------------------
-
-
-def _emit_load(context: Any, octets: Any, index: Any) -> Any:
-    """Load the word that begins at a byte of an array.
-
-    The word may be unaligned; seven more bytes must follow.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load(_emit_word_pointer(context, builder, signature, arguments), align=1)
-
-    return types.uint64(octets, types.int64), generate
-
-
-def _emit_store(context: Any, octets: Any, index: Any, word: Any) -> Any:
-    """Store a word at a byte of an array.
-
-    The word may be unaligned; it also covers the seven bytes that follow.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.store(arguments[2], _emit_word_pointer(context, builder, signature, arguments), align=1)
-        return context.get_dummy_value()
-
-    return types.void(octets, types.int64, types.uint64), generate
-
-
-def _emit_word_pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Return a pointer to the word at a byte of an array."""
-    data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-    return builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(64).as_pointer())
-
-
-# These intrinsics replace a view of bytes as words, which takes a quarter of a second to compile.
-load_word: Any = intrinsic(_emit_load)
-store_word: Any = intrinsic(_emit_store)

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from cspace.arrays import Floats, Ints
-from cspace.compiling import jit, kernel
+from cspace.compiling import allocating, kernel
 from cspace.map.points import around_is_free
 from cspace.map.storage import Map
 from cspace.rotations.base import TWO_PI
@@ -61,7 +61,7 @@ MIN_PIECE_CELLS = 1.0 / 16.0
 """Length of the shortest piece of a curve that is proven at once, in cells."""
 
 
-@jit
+@allocating
 def prove_length(
     map_: Map, kind: int, radius: float, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
 ) -> float:
@@ -97,7 +97,7 @@ def prove_length(
     return radius * shortest
 
 
-@jit
+@allocating
 def curve_cost(
     map_: Map, field: Values, density: CostDensity, curve: tuple[int, float], both: tuple[float, ...]
 ) -> float:
@@ -152,7 +152,7 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
     return True
 
 
-@jit
+@allocating
 def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
     """Return the shortest word's steering, lengths and gap."""
     steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
@@ -182,7 +182,7 @@ def is_swapped(kind: int, q0: Pose, q1: Pose) -> bool:
     return q1[0] < q0[0] or q1[1] < q0[1] or (q1[1] == q0[1] and q1[2] < q0[2])
 
 
-@jit  # not a kernel, because it allocates arrays
+@allocating
 def find_shortest_words(
     kind: int, radius: float, endpoints: tuple[Pose, Pose], tie: float, steering: Ints, lengths: Floats
 ) -> tuple[int, float]:
@@ -237,13 +237,13 @@ def advance(pose: Pose, turn: int, length: float) -> Pose:
     return x + turn * (math.sin(after) - math.sin(yaw)), y + turn * (math.cos(yaw) - math.cos(after)), after
 
 
-@jit
+@allocating
 def _around(angle: float) -> float:
     """Wrap an angle into [-pi, pi)."""
     return angle - TWO_PI * math.floor((angle + math.pi) / TWO_PI)
 
 
-@jit
+@allocating
 def _forward_arc(angle: float, snap: float) -> float:
     """Wrap an arc into [0, 2 pi).
 

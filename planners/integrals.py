@@ -9,11 +9,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.compiling import bind_kernel, dispatch_on_type, kernel
+from cspace.compiling import kernel
 from cspace.map.distance import DistanceMap, DistanceTable, clearance_at
 from cspace.map.edges import between
 from cspace.map.points import Numbers, replaced
 from cspace.map.storage import Map
+from cspace.rotations.records import bind_kernel, dispatch_on_type
 from cspace.space import CSpace
 from cspace.spectral.overlap import field_at
 

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
-from cspace.compiling import clock, jit, kernel
+from cspace.compiling import allocating, clock, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.paths import MAX_SHORTENING_SECONDS
 from cspace.map.points import around_is_free
@@ -144,10 +144,9 @@ class Lattice(NamedTuple):
     Each of h headings has m motions. Costs are in metres.
     """
 
-    kind: int  # of a car's curves, see planners.car_curves; -1 for robots that turn on the spot
     reverses: bool
     headings: Floats  # yaws, radians
-    radius: float  # turning radius
+    radius: float  # turning radius, 0 for robots that turn on the spot
     side: float  # of the cells; a cell holds one configuration for each heading
     next_heading: Ints  # (h, m), the heading after each motion
     offsets: Floats  # (h, m, 2), the displacement along each motion
@@ -159,6 +158,13 @@ class Lattice(NamedTuple):
     columns: int  # headings of the table
     unreached: float  # added to the straight distance to the goal if the table is 0
     table: Costs  # of each state of Cells, the cost to the goal plus 1, in cells, of either sign; 0 if not reached
+
+
+Car = tuple[int, float] | None
+"""Kind of a car's curves, see :mod:`planners.car_curves`, and turning radius; None for robots that turn on the spot.
+
+Numba leaves out the branches for cars if it is None, and with them most of the time of compiling.
+"""
 
 
 class Nodes(NamedTuple):
@@ -195,11 +201,10 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, s
                 _car_motions(edges, start, level) if is_car else _spot_motions(edges, yaws, steps, is_endpoint_yaw)
             )
             nearest = np.abs(wrapped(yaws - motions[0][:, None])).argmin(axis=1)
-            kind = CURVES.index(edges.drive) if is_car else -1
-            lattice = Lattice(kind, _reverses(edges), *motions, goal, nearest, len(yaws), unreached, table)
+            lattice = Lattice(_reverses(edges), *motions, goal, nearest, len(yaws), unreached, table)
             nodes = _search(edges, lattice, start, MAX_NODES[level], until)
             if nodes.counts[LAST_NODE] >= 0:
-                traced = _trace(lattice, nodes)
+                traced = _trace(lattice, nodes, is_car)
                 if not edges.are_free(traced):
                     return path, note or "rounding keeps the path of the lattice from being proven"
                 return shorten_path(edges, traced, until + MAX_SHORTENING_SECONDS) if simplify else traced, ""
@@ -385,8 +390,11 @@ def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, un
     )
     counts = np.array([0, 0, 0, 0, -1])
     nodes = Nodes(*arrays, np.full(4 * capacity, -1), np.full(QUEUE_BUCKETS, -1), counts, np.array([math.inf]))
-    begin_search(map_, lattice, nodes, start)
-    while not expand_nodes(map_, lattice, nodes) and nodes.counts[NODE_COUNT] < max_nodes:
+    radius = edges.turning_radius
+    car: Car = None if radius is None else (CURVES.index(edges.drive), float(radius))
+    first_heading = int(np.abs(wrapped(lattice.headings - start[2])).argmin())
+    add_node(map_, lattice, car, nodes, start, first_heading, 0.0, -1, -1)
+    while not expand_nodes(map_, lattice, car, nodes) and nodes.counts[NODE_COUNT] < max_nodes:
         check_deadline(until)
         if 2 * nodes.counts[NODE_COUNT] > len(nodes.costs):
             larger = [np.concatenate([each, np.empty_like(each)]) for each in nodes[:4]]
@@ -395,12 +403,12 @@ def _search(edges: EdgesOnMap, lattice: Lattice, start: Pose, max_nodes: int, un
     return nodes
 
 
-def _trace(lattice: Lattice, nodes: Nodes) -> Floats:
+def _trace(lattice: Lattice, nodes: Nodes, is_car: bool) -> Floats:
     """Return the path, shape (n, 3), merging drives along one heading."""
     node, rows, later_move = int(nodes.counts[LAST_NODE]), [lattice.goal], -1
     while node >= 0:
         parent, move = nodes.links[node, :2].tolist()
-        if lattice.kind >= 0 or move < DRIVE_AHEAD or move != later_move:
+        if is_car or move < DRIVE_AHEAD or move != later_move:
             rows.append(tuple(nodes.poses[node].tolist()))
         node, later_move = parent, move
     return np.array([b for a, b in zip([None, *rows], rows, strict=False) if a != b])[::-1]
@@ -525,23 +533,13 @@ def spread_costs(cells: Cells, table: Costs, entries: Ints, buckets: Ints, count
     return False
 
 
-@jit
-def begin_search(map_: Map, lattice: Lattice, nodes: Nodes, start: Pose) -> None:
-    """Add the start at its nearest heading."""
-    heading = 0
-    for k in range(len(lattice.headings)):
-        if abs(shorter_angle(start[2], lattice.headings[k])) < abs(shorter_angle(start[2], lattice.headings[heading])):
-            heading = k
-    _add(map_, lattice, nodes, start, heading, 0.0, -1, -1)
-
-
-@jit
-def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
+@allocating
+def expand_nodes(map_: Map, lattice: Lattice, car: Car, nodes: Nodes) -> bool:
     """Expand nodes from the start; return True when done.
 
     After False, the caller checks the time, adds memory if needed, and calls again.
     """
-    counts, links, goal, is_car = nodes.counts, nodes.links, lattice.goal, lattice.kind >= 0
+    counts, links, goal, is_car = nodes.counts, nodes.links, lattice.goal, lattice.radius > 0.0
     for _ in range(NODES_PER_CLOCK_CHECK):
         while counts[NODES_WAITING] > 0 and nodes.buckets[counts[LOWEST_BUCKET]] < 0:
             counts[LOWEST_BUCKET] += 1
@@ -561,7 +559,7 @@ def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
         x, y, yaw = nodes.poses[node]
         to_goal = math.hypot(x - goal[0], y - goal[1])
         if counts[NODES_EXPANDED] % NODES_PER_GOAL_EDGE == 0 or to_goal < max(4.0 * lattice.radius, 8.0 * map_.spacing):
-            total = cost + _cost_to_goal(map_, lattice, (x, y, yaw))
+            total = cost + _cost_to_goal(map_, lattice, car, (x, y, yaw))
             if total < nodes.best[0]:
                 nodes.best[0], counts[LAST_NODE] = total, node
                 if is_car:  # its remaining costs are no lower bounds anyway
@@ -574,12 +572,23 @@ def expand_nodes(map_: Map, lattice: Lattice, nodes: Nodes) -> bool:
             if is_car and links[node, 1] >= 0 and lattice.lengths[links[node, 1], 0] * lattice.lengths[move, 0] < 0.0:
                 step += SWITCH_RADII * lattice.radius
             if map_.lower[0] <= next_x <= map_.upper[0] and map_.lower[1] <= next_y <= map_.upper[1]:
-                _add(map_, lattice, nodes, (next_x, next_y, lattice.headings[after]), after, cost + step, node, move)
+                q = (next_x, next_y, lattice.headings[after])
+                add_node(map_, lattice, car, nodes, q, after, cost + step, node, move)
     return False
 
 
-@jit
-def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost: float, parent: int, move: int) -> None:
+@allocating
+def add_node(
+    map_: Map,
+    lattice: Lattice,
+    car: Car,
+    nodes: Nodes,
+    q: Pose,
+    heading: int,
+    cost: float,
+    parent: int,
+    move: int,
+) -> None:
     """Add a configuration if its motion is proven free.
 
     The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if its cell and
@@ -591,13 +600,14 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
     known = nodes.table[slot]
     if known >= 0 and nodes.costs[known] <= cost + COST_TOLERANCE * lattice.side:
         return
-    bound = cost + (CAR_GREED if lattice.kind >= 0 else 1.0) * _remaining(map_, lattice, q, heading)
+    greed = CAR_GREED if lattice.radius > 0.0 else 1.0
+    bound = cost + greed * _remaining(map_, lattice, car, q, heading)
     if not bound < nodes.best[0]:  # or infinite
         return
     # The proof comes last, because it takes the most time.
     if parent >= 0:
         p = (nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2])
-        if lattice.kind < 0:
+        if car is None:
             if not _is_free(map_, p, q):
                 return
         elif not around_is_free(map_, q, spare * lattice.radius, spare) or not word_is_free(
@@ -608,8 +618,11 @@ def _add(map_: Map, lattice: Lattice, nodes: Nodes, q: Pose, heading: int, cost:
     if known >= 0:
         nodes.costs[known] = math.inf
     node, bucket = nodes.counts[NODE_COUNT], min(int(BUCKETS_PER_CELL * bound / map_.spacing), QUEUE_BUCKETS - 1)
-    nodes.poses[node], nodes.keys[node], nodes.costs[node], nodes.table[slot] = q, (key, heading), cost, node
-    nodes.links[node] = parent, move, nodes.buckets[bucket]
+    nodes.poses[node, 0], nodes.poses[node, 1], nodes.poses[node, 2] = q
+    nodes.keys[node, 0], nodes.keys[node, 1] = key, heading
+    nodes.costs[node] = cost
+    nodes.table[slot] = node
+    nodes.links[node, 0], nodes.links[node, 1], nodes.links[node, 2] = parent, move, nodes.buckets[bucket]
     nodes.buckets[bucket] = node
     nodes.counts[NODE_COUNT] += 1
     nodes.counts[NODES_WAITING] += 1
@@ -635,8 +648,8 @@ def rehash(nodes: Nodes) -> None:
         nodes.table[_slot(nodes, nodes.keys[node, 0])] = node
 
 
-@jit
-def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
+@allocating
+def _remaining(map_: Map, lattice: Lattice, car: Car, q: Pose, heading: int) -> float:
     """Estimate the cost to the goal, metres.
 
     The estimate is the largest of the straight distance, the table's cost and, near the goal, a car's curve.
@@ -647,18 +660,21 @@ def _remaining(map_: Map, lattice: Lattice, q: Pose, heading: int) -> float:
     cells = abs(lattice.table[(i * (columns + 2 * PAD) + j) * lattice.columns + lattice.nearest[heading]]) - 1.0
     to_goal = math.hypot(q[0] - lattice.goal[0], q[1] - lattice.goal[1])
     metres = max(to_goal, cells * map_.spacing if cells >= 0.0 else to_goal + lattice.unreached)
-    if metres < CURVE_RADII * lattice.radius:
-        metres = max(metres, _curve_cost(lattice.kind, lattice.radius, q, lattice.goal))
+    if car is not None:
+        kind, radius = car
+        if metres < CURVE_RADII * radius:
+            metres = max(metres, _curve_cost(kind, radius, q, lattice.goal))
     return metres
 
 
-@jit
-def _cost_to_goal(map_: Map, lattice: Lattice, q: Pose) -> float:
+@allocating
+def _cost_to_goal(map_: Map, lattice: Lattice, car: Car, q: Pose) -> float:
     """Return an edge's cost to the goal; infinite if unproven."""
     (x, y, yaw), goal = q, lattice.goal
-    if lattice.kind >= 0:
-        proven = prove_length(map_, lattice.kind, lattice.radius, x, y, yaw, goal[0], goal[1], goal[2]) >= 0.0
-        return _curve_cost(lattice.kind, lattice.radius, q, goal) if proven else math.inf
+    if car is not None:
+        kind, radius = car
+        is_proven = prove_length(map_, kind, radius, x, y, yaw, goal[0], goal[1], goal[2]) >= 0.0
+        return _curve_cost(kind, radius, q, goal) if is_proven else math.inf
     # The robot turns towards the goal, ahead or in reverse, drives straight, and turns to the yaw of the goal.
     metres, heading, radians = math.hypot(goal[0] - x, goal[1] - y), yaw, abs(shorter_angle(yaw, goal[2]))
     if metres > 0.0:
@@ -684,14 +700,14 @@ def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
     return edge_is_free(map_, q0, q1)
 
 
-@jit
+@allocating
 def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
     """Write the costs, metres, of curves from `starts` to `end`."""
     for k in range(len(starts)):
         out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
 
 
-@jit
+@allocating
 def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
     """Return the cost of a car's shortest curve, metres."""
     _, lengths, _ = shortest_word(kind, radius, q0, q1)

@@ -28,11 +28,11 @@ from cspace.arms.inverse import PoseGoal
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
-from cspace.compiling import bind_kernel
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
+from cspace.rotations.records import bind_kernel
 from cspace.space import CSpace
 from cspace.words import Drive
 from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, PlannerName

@@ -72,7 +72,8 @@ def build_three_rooms(dim: int) -> Workspace:
 
 def compile_for(seconds: float) -> None:
     """Pretend to compile a function of the planners for some seconds."""
-    with trigger_event("numba:compile", {"dispatcher": SimpleNamespace(py_func=planners.plan)}):
+    compiled = {"dispatcher": SimpleNamespace(py_func=planners.plan)}
+    with trigger_event("numba:compiler_lock"), trigger_event("numba:compile", compiled):
         time.sleep(seconds)
 
 

@@ -1,257 +1,182 @@
-"""Compiled functions: log, cache, invalidation and privacy."""
+"""Compiled functions: the cache, its privacy, the line about a long wait, and the clock."""
 
 import ast
-import json
+import fcntl
 import os
 import pickle
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
 import cspace
 import planners
-from cspace import compiling
-from cspace.compiling import clock, digest_sources, is_private, jit
+from benchmarks.first_process import DEMO
+from benchmarks.suites.first_use import MAX_DEMO_COMPILATIONS, run_process
+from cspace.compiling import FILES_WITHOUT_KERNELS, KEPT_SECONDS, clock, is_private, kernel
 
-LOOK_UP_SCRIPT = """
-import logging
-import sys
-import numpy as np
-import cspace
-from cspace.map.contents import Contents
-logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stdout)
-workspace = cspace.Workspace.from_array(np.zeros((4, 3), dtype=bool), 0.1)
-state = np.zeros((4, 3), dtype=np.uint8)
-state[0] = cspace.BLOCKED
-cells = cspace.Rotations.of(None)
-contents = Contents(workspace, cspace.Robot.disc(0.05), cells, np.zeros(1, dtype=int), state[None], "free")
-space = cspace.CSpace(contents)
-answers = space.is_free((0.2, 0.15)), space.is_free((0.01, 0.15))
-if "numba.np.linalg" in sys.modules:
-    print("numba has imported all that it could compile")
-print(cspace.__file__, *answers)
-"""
-POINTS_LINE = "INFO cspace.compiling: compiling cspace.map.points, once per machine"
-NUMBA_LINE = "numba has imported all that it could compile"
+ROOT = Path(cspace.__file__).parents[1]
 
+PROBE = """
+from cspace.compiling import kernel
 
-def run_look_up(folder: Path, **environment: str) -> list[str]:
-    """Query a map with the package in a folder; return its output."""
-    others = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
-    env = {**others, "PYTHONPATH": str(folder), **environment}
-    done = subprocess.run(
-        [sys.executable, "-c", LOOK_UP_SCRIPT], env=env, cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    lines = done.stdout.splitlines()
-    assert lines[-1] == f"{folder / 'cspace' / '__init__.py'} True False"
-    return lines[:-1]
+@kernel
+def helper(value):
+    return value + 2.0
 
-
-def test_the_log_names_compiled_modules_but_not_cached_ones(tmp_path: Path) -> None:
-    root = Path(cspace.__file__).parents[1]
-    first, second = (run_look_up(root, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
-    assert POINTS_LINE in first and len(set(first)) == len(first)
-    assert first.pop() == NUMBA_LINE
-    assert all(line.startswith("INFO cspace.compiling: compiling cspace.") for line in first)
-    assert second == []
-
-
-def test_a_read_only_installation_works_without_a_cache(tmp_path: Path) -> None:
-    # Files named __pycache__ keep even the superuser from making cache folders.
-    package = tmp_path / "cspace"
-    shutil.copytree(Path(cspace.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    for folder in (package, *(entry for entry in package.rglob("*") if entry.is_dir())):
-        (folder / "__pycache__").write_text("in the way")
-    homeless = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR", "IPYTHONDIR"), os.devnull)
-    assert POINTS_LINE in run_look_up(tmp_path, **homeless)
-
-
-WAIT_SCRIPT = """
-import time
-from types import SimpleNamespace
-import numba.core.event as event
-import planners, cspace.compiling as compiling
-{setting}
-compiling._announce_compiling()
-for module in ("planners.plan", "cspace.one", "cspace.two", "cspace.three", "numba.other"):
-    function = SimpleNamespace(__module__=module)
-    with event.trigger_event("numba:compile", {{"dispatcher": SimpleNamespace(py_func=function)}}):
-        time.sleep({seconds})
+@kernel
+def answer(value):
+    return helper(value) + 1.0
 """
 
-
-@pytest.mark.parametrize(
-    ("setting", "seconds", "lines"),
-    [
-        ("", 1.1, 1),
-        ("", 0.0, 0),
-        ("import logging; logging.getLogger('cspace.compiling').disabled = True", 1.1, 0),
-    ],
-    ids=["long wait", "short wait", "hidden"],
-)
-def test_a_long_wait_for_the_compiler_is_told_once(setting: str, seconds: float, lines: int) -> None:
-    script = WAIT_SCRIPT.format(setting=setting, seconds=seconds)
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    told = [line for line in done.stderr.splitlines() if "compiling for this machine" in line]
-    assert len(told) == len(done.stderr.splitlines()) == lines
-    assert done.stdout == ""
-
-
-# ---- invalidation ----------------------------------------------------------------------------------------------------
-
-CALLEE = """
-from typing import NamedTuple
-from cspace.compiling import compilable, jit
-
-@jit
-def helper(value: float) -> float:
-    return value + {added}
-
-@compilable
-class Record(NamedTuple):
-    value: float
-
-    def raised(self) -> float:
-        return helper(self.value)
+RUN_PROBE = """
+import cspace, cspace.compiling, os
+cspace.__path__.append(os.getcwd())
+cspace.compiling.LONG_WAIT_SECONDS = 0.0
+{before}
+from cspace.probe import answer
+print(answer(1.0), sum(answer.stats.cache_hits.values()))
 """
-
-CALLER = """
-from cspace.compiling import jit
-from cspace.probe_callee import Record
-
-@jit
-def answer(record: Record) -> float:
-    return later(record)
-
-@jit
-def later(record: Record) -> float:
-    return record.raised()
-"""
-
-RUN_PROBES = """
-import importlib.util, sys
-for name in ("callee", "caller"):
-    spec = importlib.util.spec_from_file_location(f"cspace.probe_{name}", f"{folder}/{name}.py")
-    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-print(module.answer(module.Record(1.0)), sum(module.answer.stats.cache_hits.values()), flush=True)
-"""
-
-PROBE_SERVER = f"""
-import json, os, sys
-import numba
-import cspace.compiling
-numba.njit(lambda value: value)(1.0)  # it sets itself up
-for line in sys.stdin:
-    folder, environment = json.loads(line)
-    if os.fork():
-        os.wait()
-        continue
-    os.environ.update(environment)
-    numba.core.config.reload_config()
-    exec({RUN_PROBES!r})
-    os._exit(0)
-"""
-"""Run the probes in forks of a process that has imported numba but compiled none of our functions."""
+"""Script that prints the result of a compiled function of the package, and its hits of the cache."""
 
 
-@pytest.fixture(scope="module")
-def forks() -> Iterator[subprocess.Popen[str]]:
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with subprocess.Popen([sys.executable, "-c", PROBE_SERVER], text=True, **pipes) as process:
-        yield process
-        assert process.communicate()[0] == ""
+def start(folder: Path, code: str, **environment: str) -> subprocess.Popen[str]:
+    """Start a script in a folder, with a cache folder of its own."""
+    others = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
+    paths = os.pathsep.join([str(folder), str(ROOT)])
+    env = others | {"PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(folder / "cache")} | environment
+    command = [sys.executable, "-c", code]
+    return subprocess.Popen(command, cwd=folder, env=env, stdout=-1, stderr=-1, text=True)
+
+
+def run(folder: Path, code: str, **environment: str) -> tuple[str, str]:
+    """Run a script in a folder; return what it prints."""
+    process = start(folder, code, **environment)
+    out, err = process.communicate()
+    assert process.returncode == 0, err
+    return out.strip(), err.strip()
 
 
 @pytest.fixture
-def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[float, int]]:
-    """Return a function that runs the probes: result and cache hits."""
+def probe(tmp_path: Path) -> Callable[..., tuple[str, str]]:
+    """Return a function that runs the probe; it returns what the probe prints."""
+    (tmp_path / "probe.py").write_text(PROBE)
 
-    def answered(added: str | None = None, **environment: str) -> tuple[float, int]:
-        if added is not None:
-            (tmp_path / "callee.py").write_text(CALLEE.format(added=added))
-        assert forks.stdin is not None and forks.stdout is not None
-        print(json.dumps([str(tmp_path), environment]), file=forks.stdin, flush=True)
-        result, hits = forks.stdout.readline().split()
-        return float(result), int(hits)
+    def run_probe(before: str = "", **environment: str) -> tuple[str, str]:
+        return run(tmp_path, RUN_PROBE.format(before=before), **environment)
 
-    (tmp_path / "caller.py").write_text(CALLER)
-    return answered
+    return run_probe
 
 
-def test_a_function_is_recompiled_when_a_callee_changes(run: Callable[..., tuple[float, int]]) -> None:
-    # The callee may be indirect, defined below its caller, or a method of a record.
-    assert run("2.0") == (3.0, 0)
-    assert run("40.0") == (41.0, 0)
-    assert run() == (41.0, 1)
+# ---- the cache, and the line about a long wait -----------------------------------------------------------------------
 
 
-def double(value: float) -> float:
-    return 2 * value
+def test_a_long_wait_is_told_once_unless_silenced(probe: Callable[..., tuple[str, str]], tmp_path: Path) -> None:
+    silence = "import logging; logging.getLogger('cspace.compiling').disabled = True"
+    silent = str(tmp_path / "silent")
+    assert probe(silence, NUMBA_CACHE_DIR=silent) == ("4.0 0", "")
+    cold, warm = probe(), probe()
+    assert cold[0] == "4.0 0" and warm == ("4.0 1", "")
+    (line,) = cold[1].splitlines()
+    assert line.startswith("cspace: ") and silence.split("; ")[1] in line
 
 
-def test_the_clock_stops_while_a_function_is_compiled_or_refused() -> None:
-    from numba import TypingError
-
-    def good(x: float) -> float:
-        return 2.0 * x + 1.0
-
-    def bad(x: float) -> object:
-        return x + "no number"  # type: ignore[operator]
-
-    for function in (double, good, bad):
-        made: Any = jit(function)
-        made._cache.flush()
-        began = clock(), time.perf_counter()
-        with suppress(TypingError):
-            made(1.5)
-        assert clock() - began[0] < 0.5 * (time.perf_counter() - began[1])
-    assert clock() < clock()
+def test_the_demo_compiles_few_functions(tmp_path: Path) -> None:
+    assert 0 < run_process(DEMO, tmp_path, tmp_path / "cache")["compilations"] <= MAX_DEMO_COMPILATIONS
 
 
-def test_a_digest_covers_every_module_that_a_module_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # An edit changes the digests of the module and its importers only.
+def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Path) -> None:
+    def folder() -> str:
+        return run(tmp_path, "import cspace.compiling as c; print(c.cache_folder())", PYTHONPATH=str(tmp_path))[0]
 
-    def digests() -> list[str]:
-        compiling._source.cache_clear()
-        return [digest_sources([f"cspace.probe_{name}"]) for name in "abc"]
-
-    texts = {"a": "from cspace.probe_b import x", "b": "from cspace import (\n    probe_c,\n)", "c": "y = 1"}
-    for name, text in texts.items():
-        (tmp_path / f"{name}.py").write_text(text)
-        module = ModuleType(f"cspace.probe_{name}")
-        module.__file__ = str(tmp_path / f"{name}.py")
-        monkeypatch.setitem(sys.modules, module.__name__, module)
-    before = digests()
-    (tmp_path / "b.py").write_text(texts["b"] + "\n")
-    after = digests()
-    assert [one == other for one, other in zip(before, after, strict=True)] == [False, False, True]
-    (tmp_path / "c.py").write_text("y = 2")
-    assert not set(digests()) & {*before, *after}
-    compiling._source.cache_clear()
+    for package in ("cspace", "planners"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    seen = [folder(), folder()]
+    assert seen[0] == seen[1] and seen[0].startswith(str(tmp_path / "cache" / "cspace"))
+    for file, is_compiled in (("cspace/grid.py", True), ("cspace/kernels.py", True), ("cspace/errors.py", False)):
+        with (tmp_path / file).open("a") as opened:
+            opened.write("\nMORE = 1\n")
+        seen.append(folder())
+        assert (seen[-1] != seen[-2]) is is_compiled, file
 
 
-def test_no_field_of_a_record_has_the_name_of_a_compiled_method() -> None:
-    # Compiled code would use the field instead of the method.
-    fields, methods = set[str](), set[str]()
-    for file in [each for package in (cspace, planners) for each in Path(package.__file__).parent.rglob("*.py")]:
-        for record in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(record, ast.ClassDef) and "NamedTuple" in map(ast.unparse, record.bases):
-                fields |= {ast.unparse(each.target) for each in record.body if isinstance(each, ast.AnnAssign)}
-                if "compilable" in map(ast.unparse, record.decorator_list):
-                    methods |= {each.name for each in record.body if isinstance(each, ast.FunctionDef)}
-    assert len(methods) > 10 and len(fields) > 100
-    assert not fields & methods
+def constants_in(code: ast.AST) -> set[str]:
+    """Return the constants that a piece of code reads."""
+    return {node.id for node in ast.walk(code) if isinstance(node, ast.Name) and node.id.strip("_").isupper()}
+
+
+def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
+    """Return where each name of a module is imported or assigned."""
+    found = dict[str, ast.AST]()
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {each.asname or each.name: node for each in node.names}
+        elif isinstance(node, ast.AnnAssign) and node.value is not None:
+            found[ast.unparse(node.target)] = node.value
+        elif isinstance(node, ast.Assign):
+            found |= {name: node.value for target in node.targets for name in constants_in(target)}
+    return found
+
+
+def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
+    # Otherwise a kernel would keep the old value of a constant.
+    decorators = {"kernel", "allocating", "jit", "always_inline", "compilable"}
+    modules, pending, known = dict[str, ast.Module](), list[tuple[str, str]](), set(FILES_WITHOUT_KERNELS)
+    for file in [file for package in (cspace, planners) for file in Path(package.__file__).parent.rglob("*.py")]:
+        name = file.relative_to(ROOT).as_posix()
+        modules[name] = ast.parse(file.read_text(encoding="utf-8"))
+        for node in ast.walk(modules[name]):
+            if decorators & set(map(ast.unparse, getattr(node, "decorator_list", ()))):
+                known.add(name)
+                pending += [(name, constant) for constant in constants_in(node)]
+    seen = set[tuple[str, str]]()
+    while pending:
+        name, constant = pending.pop()
+        place = definitions_in(modules[name]).get(constant)
+        if (name, constant) in seen or place is None:
+            continue
+        seen.add((name, constant))
+        assert name in known, f"{constant} of {name} is compiled into a kernel"
+        if isinstance(place, ast.ImportFrom):
+            path = str(place.module).replace(".", "/")
+            pending += [(file, constant) for file in (f"{path}.py", f"{path}/__init__.py") if file in modules]
+        else:
+            pending += [(name, each) for each in constants_in(place)]
+    assert len(seen) > 100
+
+
+def test_code_of_other_versions_is_removed_a_week_after_its_last_use(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    now = time.time()
+    for name, age in (("old", KEPT_SECONDS + 60.0), ("recent", KEPT_SECONDS - 3600.0)):
+        lock = tmp_path / "cache" / "cspace" / name / "lock"
+        lock.parent.mkdir(parents=True)
+        lock.touch()
+        os.utime(lock, (now - age, now - age))
+    assert probe()[0] == "4.0 0"
+    left = {folder.name for folder in (tmp_path / "cache" / "cspace").iterdir()}
+    assert "recent" in left and "old" not in left and len(left) == 2
+
+
+def test_processes_save_code_one_at_a_time(probe: Callable[..., tuple[str, str]], tmp_path: Path) -> None:
+    probe("answer = None; import cspace.probe, sys; print('4.0 0'); sys.exit()")  # makes the folder
+    (lock,) = (tmp_path / "cache").rglob("lock")
+    with lock.open() as opened:
+        fcntl.flock(opened, fcntl.LOCK_EX)
+        process = start(tmp_path, RUN_PROBE.format(before="print('begun', flush=True)"))
+        assert process.stdout is not None and process.stdout.readline() == "begun\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(2.0)
+        assert not list((tmp_path / "cache").rglob("*.nbc"))
+        fcntl.flock(opened, fcntl.LOCK_UN)
+        assert process.communicate()[0] == "4.0 0\n"
 
 
 # ---- privacy ---------------------------------------------------------------------------------------------------------
@@ -267,50 +192,65 @@ class Harm:
         return Path.touch, (self.path,)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
 def test_cache_folders_that_others_may_write_are_not_read(
-    tmp_path: Path, run: Callable[..., tuple[float, int]]
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
 ) -> None:
-    cache, harm = tmp_path / "kept", tmp_path / "harm"
-    environment = {"NUMBA_CACHE_DIR": str(cache), "HOME": os.devnull, "XDG_CACHE_HOME": os.devnull}
-    (tmp_path / "__pycache__").write_text("in the way")
-    assert run("2.0", **environment) == (3.0, 0)
-    assert run(**environment) == (3.0, 1)
-    (folder,) = cache.iterdir()
+    cache, harm = tmp_path / "cache", tmp_path / "harm"
+    elsewhere = {"XDG_CACHE_HOME": str(tmp_path / "elsewhere")}
+    assert probe(**elsewhere)[0] == "4.0 0"
+    assert probe(**elsewhere)[0] == "4.0 1"
     for index in cache.rglob("*.nbi"):
-        index.write_bytes(pickle.dumps(Harm(harm)))
-    for path, mode in ((folder, 0o1757), (cache, 0o777)):
+        index.write_bytes(pickle.dumps("version") + pickle.dumps(Harm(harm)))
+    (folder,) = (cache / "cspace").iterdir()
+    for hits, (path, mode) in enumerate([(folder, 0o1757), (folder, 0o770), (cache, 0o777)]):
         before = path.stat().st_mode
         path.chmod(mode)
-        assert run(**environment) == (3.0, 0)
+        assert probe(**elsewhere)[0] == f"4.0 {min(hits, 1)}"  # in the other folder, which is used from then on
         assert not harm.exists()
         path.chmod(before)
-    assert run(**environment) == (3.0, 0)
-    assert harm.exists()  # private files are read, and unusable files compiled again
-    assert run(**environment) == (3.0, 1)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
 def test_a_folder_of_another_user_is_not_private(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inner = tmp_path / "inner"
-    inner.mkdir()
+    inner.mkdir(mode=0o700)
     assert is_private(inner)
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
-    is_private.cache_clear()
     assert not is_private(inner)
-    is_private.cache_clear()
 
 
-def test_damaged_or_exchanged_cache_files_are_compiled_again(
-    tmp_path: Path, run: Callable[..., tuple[float, int]]
+def test_without_a_folder_that_can_be_written_code_is_kept_in_the_temporary_one_or_not_at_all(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
 ) -> None:
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
-    assert run("2.0", **environment) == (3.0, 0)
-    for ending in ("nbi", "nbc"):
-        for file in (tmp_path / "kept").rglob(f"*.{ending}"):
-            file.write_bytes(file.read_bytes()[:99])
-        assert run(**environment) == (3.0, 0)
-    codes = sorted((tmp_path / "kept").rglob("*answer*.nbc")) + sorted((tmp_path / "kept").rglob("*helper*.nbc"))
-    shutil.copy(codes[1], codes[0])
-    assert run(**environment) == (3.0, 0)
-    assert run(**environment) == (3.0, 1)
+    nowhere = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"), os.devnull)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    assert [probe(**nowhere, TMPDIR=str(temporary))[0] for _ in range(2)] == ["4.0 0", "4.0 1"]
+    temporary.chmod(0o777)
+    out, err = probe(**nowhere, TMPDIR=str(temporary))
+    assert out == "4.0 0" and "at each start" in err
+
+
+# ---- the clock -------------------------------------------------------------------------------------------------------
+
+
+def double(value: float) -> float:
+    return 2 * value
+
+
+def test_the_clock_stops_while_a_function_is_compiled_or_refused() -> None:
+    from numba import TypingError
+
+    def good(x: float) -> float:
+        return 2.0 * x + 1.0
+
+    def bad(x: float) -> object:
+        return x + "no number"  # type: ignore[operator]
+
+    kernel(double)(1)  # numba imports all that it can compile
+    for number, function in enumerate((double, good, bad)):
+        made: Any = kernel(function)
+        began = clock(), time.perf_counter()
+        with suppress(TypingError):
+            made(number * 1.5)
+        assert clock() - began[0] < 0.5 * (time.perf_counter() - began[1])
+    assert clock() < clock()

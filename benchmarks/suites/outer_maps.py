@@ -16,7 +16,7 @@ import cspace
 from benchmarks.report import is_here
 from cspace import Robot, Workspace
 from cspace.arrays import Bools, Ints
-from cspace.compiling import jit
+from cspace.compiling import allocating
 from cspace.engines import METHODS as METHODS
 from cspace.raster import Raster
 from cspace.threads import cores
@@ -52,7 +52,7 @@ def convolve_map(
 # ---- stamping, as in ROS ---------------------------------------------------------------------------------------------
 
 
-@jit
+@allocating
 def _stamp(out: Bools, border: Ints, runs: Ints) -> None:
     """Set the runs ``(x, start y, stop y)`` around every border cell, clipped to the map."""
     nx, ny = out.shape

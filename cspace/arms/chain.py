@@ -29,7 +29,7 @@ import numpy as np
 
 from cspace.arms.hulls import RelativeMotion
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
-from cspace.compiling import always_inline, kernel
+from cspace.compiling import kernel
 from cspace.kernels import add_scaled, cross, dot, minus, rotate, row_at
 from cspace.map.batches import as_contiguous
 from cspace.threads import in_chunks
@@ -128,7 +128,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
                 out[i, 5] += rate * u[i]
 
 
-@always_inline
+@kernel
 def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
     """Return the pose of a body as seen from another body.
 
@@ -165,13 +165,13 @@ def relative_motion(
     )
 
 
-@always_inline
+@kernel
 def pose_rotation(pose: Floats) -> Matrix:
     """Return the rows of the rotation of a pose."""
     return row_at(pose[0], 0), row_at(pose[1], 0), row_at(pose[2], 0)
 
 
-@always_inline
+@kernel
 def column(pose: Floats, k: int) -> Row:
     """Return a column of an array with three rows."""
     return pose[0, k], pose[1, k], pose[2, k]

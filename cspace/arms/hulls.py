@@ -32,7 +32,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
-from cspace.compiling import always_inline, kernel
+from cspace.compiling import kernel
 from cspace.exact.triangles import Trees, build_boxes, node_maxima
 from cspace.kernels import (
     THIN,
@@ -429,7 +429,7 @@ def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
     return total
 
 
-@always_inline
+@kernel
 def without_motion(motion: RelativeMotion) -> RelativeMotion:
     """Return the motion restricted to its central moment, when nothing moves."""
     return RelativeMotion(motion.matrix, motion.position, motion.spin, motion.velocity, 0.0, 0.0, 0.0, motion.required)

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from cspace.cli.compile import compile_ahead
 from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture, view
 from cspace.cli.planning import demo, plan
@@ -94,6 +95,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "plot": picture,
     "view": view,
     "export": export,
+    "compile": compile_ahead,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)

@@ -6,7 +6,6 @@ Error messages are composed of the fields of errors, never of their text.
 from __future__ import annotations
 
 import json
-import logging
 import math
 import re
 import sys
@@ -72,8 +71,8 @@ class Clock:
 def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
     """Show a progress bar on standard error.
 
-    Yield the library's progress callback, or None without a terminal. The bar reports compilation. With ``cells``, the
-    number of cells of a tiled map, it also shows the tiles done and the cells per second.
+    Yield the library's progress callback, or None without a terminal. With ``cells``, the number of cells of a tiled
+    map, the bar also shows the tiles done and the cells per second.
     """
     if not sys.stderr.isatty():
         yield None
@@ -81,14 +80,8 @@ def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], N
     from rich.console import Console
     from rich.progress import Progress
 
-    from cspace.compiling import LOGGER
-
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task, began = bar.add_task(label, total=None), [math.nan, 0.0]
-
-        class Listener(logging.Handler):
-            def emit(self, record: logging.LogRecord) -> None:
-                bar.update(task, description=f"{label} (compiling, once per machine)")
 
         def advance(done: int, total: int) -> None:
             text = label
@@ -101,14 +94,7 @@ def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], N
                     text += f", {(done - began[1]) / total * cells / seconds:.3g} cells/s"
             bar.update(task, description=text, completed=done, total=total)
 
-        level, listener = LOGGER.level, Listener()
-        LOGGER.addHandler(listener)
-        LOGGER.setLevel(logging.INFO)
-        try:
-            yield advance
-        finally:
-            LOGGER.setLevel(level)
-            LOGGER.removeHandler(listener)
+        yield advance
 
 
 def with_unit(name: str, unit: str) -> str:

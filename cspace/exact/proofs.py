@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row, States
-from cspace.compiling import bind_kernel, kernel
+from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.exact.boundaries import Problem, Proofs, as_triangles, connected_parts, obstacle_boundary, part_anchors
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction, place_box
@@ -24,6 +24,7 @@ from cspace.map.batches import as_contiguous
 from cspace.map.edges import along, edge_is_free, edges_are_free
 from cspace.map.points import Numbers, classify, configuration, is_usable, state_at
 from cspace.map.storage import Map
+from cspace.rotations.records import bind_kernel
 from cspace.shapes import Box, RoundedSimplices
 from cspace.threads import in_chunks
 

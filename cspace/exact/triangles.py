@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
-from cspace.compiling import always_inline, kernel
+from cspace.compiling import kernel
 from cspace.kernels import (
     add_scaled,
     apply_pose,
@@ -313,7 +313,7 @@ def free_fraction(
     return best
 
 
-@always_inline
+@kernel
 def place_box(motion: Motion, box: Floats) -> tuple[Row, Row]:
     """Return center and half sides of a posed robot node.
 
@@ -361,7 +361,7 @@ def read_corners(q: Floats, origin: Row) -> Corners:
     return (q[0] - x, q[1] - y, q[2] - z), (q[3] - x, q[4] - y, q[5] - z), (q[6] - x, q[7] - y, q[8] - z)
 
 
-@always_inline
+@kernel
 def edge_vectors(a: Corners) -> Corners:
     """Return the three edge vectors of a triangle."""
     return minus(a[1], a[0]), minus(a[2], a[1]), minus(a[0], a[2])

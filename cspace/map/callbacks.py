@@ -8,10 +8,10 @@ from types import FunctionType
 from typing import Any, Final, NamedTuple
 
 from cspace.arrays import FREE, MIXED, Numbers
-from cspace.compiling import bind_kernel, compilable, jit
 from cspace.map.edges import edge_is_free
 from cspace.map.points import cell_of, is_usable, state_at
 from cspace.map.storage import Map
+from cspace.rotations.records import bind_kernel, compilable, jit
 
 NOT_USABLE: Final = 255
 """Answer for numbers that are not finite, or no rotation."""

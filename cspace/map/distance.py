@@ -40,10 +40,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import FREE, Bytes, Floats, Ints
-from cspace.compiling import bind_kernel, kernel
+from cspace.compiling import kernel
 from cspace.grid import SLACK
 from cspace.map.points import MAX_CELL, Numbers, configuration, is_usable, state_at
 from cspace.map.storage import Map, Stack
+from cspace.rotations.records import bind_kernel
 from cspace.threads import cores, in_chunks, in_threads
 
 Distances = NDArray[np.float32]

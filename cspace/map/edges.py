@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from cspace.arrays import FREE, Bools, Floats
-from cspace.compiling import always_inline, kernel
+from cspace.compiling import kernel
 from cspace.grid import SLACK
 from cspace.map.points import (
     MAX_POSITION,
@@ -45,7 +45,7 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     return -1
 
 
-@always_inline
+@kernel
 def edge_is_free(map_: Map, q0: Numbers, q1: Numbers) -> bool:
     """Return True if an edge is FREE.
 
@@ -77,7 +77,7 @@ def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     return q
 
 
-@always_inline
+@kernel
 def between(first: float, second: float, t: float) -> float:
     """Interpolate between two numbers at t in [0, 1].
 
@@ -91,7 +91,7 @@ def between(first: float, second: float, t: float) -> float:
     return min(max(value, min(first, second)), max(first, second))
 
 
-@always_inline
+@kernel
 def segment_is_free(map_: Map, slice_index: int, first: Numbers, last: Numbers) -> bool:
     """Return True if a segment in one slice is FREE.
 
@@ -119,7 +119,7 @@ def segment_is_free(map_: Map, slice_index: int, first: Numbers, last: Numbers) 
     return segment_is_free_in_box(slice_, p, q, low, high)
 
 
-@always_inline
+@kernel
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """Return the range of t in a slab of cells.
 
@@ -135,7 +135,7 @@ def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]
     return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
 
 
-@always_inline
+@kernel
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
     """Return the range of cells in a range of t.
 

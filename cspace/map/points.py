@@ -13,9 +13,10 @@ import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
-from cspace.compiling import always_inline, jit, kernel
+from cspace.compiling import kernel
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.map.storage import Cells, Map, TileCells, state_in
+from cspace.rotations.records import always_inline, jit
 
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]

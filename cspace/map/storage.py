@@ -18,11 +18,11 @@ from numba.extending import intrinsic
 from numpy.typing import DTypeLike, NDArray
 
 from cspace.arrays import FREE, Bytes, Ints, frozen
-from cspace.compiling import always_inline, dispatch_on_type, kernel
+from cspace.compiling import kernel
 from cspace.errors import InputError
-from cspace.kernels import load_word
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
 from cspace.rotations import CompiledRotations
+from cspace.rotations.records import always_inline, dispatch_on_type, load_word
 
 WordPair = tuple[np.uint64, np.uint64]
 

@@ -42,7 +42,7 @@ import numpy as np
 import scipy  # loads its submodules on first use
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import jit, kernel
+from cspace.compiling import allocating, kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap, expand_counts, in_slabs
@@ -262,7 +262,7 @@ def _sum_crossings(
         out[p] = winding
 
 
-@jit
+@allocating
 def _mark_enclosed(
     out: Bools,
     triangles: Floats,

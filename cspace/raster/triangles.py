@@ -52,7 +52,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Row
-from cspace.compiling import jit, kernel
+from cspace.compiling import allocating, kernel
 from cspace.grid import SLACK
 from cspace.kernels import THIN, dot, minus, nearest_of_triangle, normal_of, point_triangle, row_at
 from cspace.raster import in_slabs
@@ -268,7 +268,7 @@ def _cubes_along(
     return max(start, math.ceil(low - above)), min(stop - 1, math.floor(high + below))
 
 
-@jit
+@allocating
 def _mark_touched(
     out: Bools,
     triangles: Floats,

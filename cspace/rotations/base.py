@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.check import check_finite
-from cspace.compiling import compilable
 from cspace.errors import AngleWarning, InputError, warn_user
+from cspace.rotations.records import compilable
 
 METRES_PER_RADIAN: Final = 0.5
 """Length that a rotation by one radian adds to a path, as in OMPL's SE(2) and SE(3)."""
@@ -121,7 +121,7 @@ class RotationCell:
         return np.asarray(2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever)
 
 
-NO_ROTATION: Final = RotationCell()
+NO_ROTATION: Final[RotationCell] = RotationCell()
 """The cell of a robot that only translates."""
 
 
@@ -146,7 +146,9 @@ class Coordinate(NamedTuple):
     bounds: str = ""
 
 
-COVERING_ANGLE: Final = Coordinate("largest angle between a rotation of a rotation cell and its representative", "rad")
+COVERING_ANGLE: Final[Coordinate] = Coordinate(
+    "largest angle between a rotation of a rotation cell and its representative", "rad"
+)
 
 
 class Dial(NamedTuple):

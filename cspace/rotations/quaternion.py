@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
 from cspace.check import check_count, check_finite
-from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.rotations.base import COVERING_ANGLE, DIAL_OFFSETS, Coordinate, Dial, RotationCell, Rotations, Symmetric
+from cspace.rotations.records import compilable
 
 NORM_SLACK: Final = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats, Ints, Matrix, Numbers
 from cspace.check import check_count, check_finite
-from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.rotations.base import (
     ANGLE_SLACK,
@@ -27,6 +26,7 @@ from cspace.rotations.base import (
     Symmetric,
     wrapped,
 )
+from cspace.rotations.records import compilable
 
 MAX_YAW_CELLS: Final = 2**16
 """Maximum number of yaw cells, each 0.0055 degrees wide: 1 cm at 100 m from the axis."""

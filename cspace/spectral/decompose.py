@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints, frozen
 from cspace.check import check_count, check_finite, check_flag, check_positive, check_word
-from cspace.compiling import jit, kernel
+from cspace.compiling import allocating, kernel
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.files.plain import read_json, read_yaml
@@ -717,7 +717,7 @@ def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> N
         cells.open_counts[i, j] = prefix_sums[i, j, counts.shape[2]]
 
 
-@jit
+@allocating
 def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, open_count: int, chosen: Ints) -> int:
     """Choose the balls that add most cells, greedily.
 

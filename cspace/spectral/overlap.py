@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from cspace.arrays import Bytes, Floats, Ints, Numbers
 from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
-from cspace.compiling import compilable, kernel
+from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory, count_cells
@@ -25,6 +25,7 @@ from cspace.map.contents import checked_field
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.storage import Map
 from cspace.rotations import Rotations
+from cspace.rotations.records import compilable
 from cspace.spectral.bump import Bump, check_tolerance, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,

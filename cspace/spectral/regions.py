@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import jit, kernel
+from cspace.compiling import allocating, kernel
 from cspace.errors import InputError
 from cspace.exact.triangles import build_trees
 from cspace.grid import Grid
@@ -263,7 +263,7 @@ class PieceTree(NamedTuple):
     spatial: bool
 
 
-@jit  # a kernel could not allocate arrays
+@allocating
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
     """Return bounds of the distance to the nearest piece, at most ``cap``."""
     position, near, far = row_at(point, 0), cap, cap

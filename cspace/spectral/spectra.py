@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bytes, Floats, Ints
 from cspace.check import check_finite
-from cspace.compiling import jit, kernel
+from cspace.compiling import allocating, kernel
 from cspace.errors import InputError, import_optional
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, count_cells, free_bytes
 from cspace.spectral.bump import (
@@ -714,7 +714,7 @@ def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexe
     return UNDECIDED, starts[-1], total, terms.bounds[-1]
 
 
-@jit  # a kernel could not allocate arrays
+@allocating
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
     """Return verdicts, counts, and sums with bounds of :func:`separate`."""
     number = len(placements)

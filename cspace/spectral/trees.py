@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bytes, Floats, Ints, Numbers
-from cspace.compiling import compilable, kernel
+from cspace.compiling import kernel
+from cspace.rotations.records import compilable
 from cspace.threads import in_chunks
 
 MISS, HIT, UNDECIDED = range(3)

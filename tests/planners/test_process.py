@@ -13,7 +13,8 @@ from cspace import Robot, Workspace, build
 from tests.handmade import fill_boxes
 
 PLANS_SCRIPT = """
-import gc, json, sys
+import gc, json, logging, sys
+logging.getLogger("cspace.compiling").disabled = True  # no line about a long wait
 import cspace, planners
 
 unneeded = sorted({"scipy.optimize", "scipy.sparse", "scipy.spatial"} & set(sys.modules))

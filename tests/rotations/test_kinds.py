@@ -17,10 +17,10 @@ import planners
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.cli.options import parse_configuration, parse_rotation_cells
-from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
+from cspace.rotations.records import compilable
 from cspace.rotations.yaw import YawCells, YawRotations
 from tests.maps import proven_paths
 
