@@ -35,8 +35,8 @@ from cspace.map.callbacks import NOT_USABLE
 from cspace.map.contents import Contents
 from cspace.map.derived import derived, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
+from cspace.map.record import Map, make_record
 from cspace.map.storage import (
-    Map,
     check_bytes,
     count_states,
     read_only,
@@ -308,7 +308,7 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If the interior of a mesh depends on the spacing, or an argument is invalid.
         """
-        from cspace.map.points import classify_few
+        from cspace.map.points import classify
 
         points = as_points(q, "q", self.size)
         rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
@@ -319,7 +319,7 @@ class CSpace(ConfigurationMap, MapExport):
                 raise InputError(name, f"is {given!r}", "it must be zero or above", hint, value=given)
             spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
-        if classify_few(self._kernel_map, rows, states) >= 0:
+        if classify(self._kernel_map, rows, states) >= 0:
             self._check_configurations(points)  # raises
         left = rows[states != FREE]
         if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
@@ -1042,16 +1042,7 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
-        grid, rotations = self.grid, self.rotations._compile(self._slice_of)
-        return Map(
-            self._seen,
-            self._seen.reshape(-1),
-            rotations,
-            grid.lower,
-            grid.spacing,
-            grid.upper,
-            self._exterior.table,
-        )
+        return make_record(self._seen, self.grid, self._exterior.table, self.rotations._table(self._slice_of))
 
     @lazy
     def _exact(self) -> ExactQueries:

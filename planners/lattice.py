@@ -24,12 +24,12 @@ from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
 from cspace.compiling import allocating, clock, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.paths import MAX_SHORTENING_SECONDS
-from cspace.map.points import around_is_free
+from cspace.map.points import position_in_plane
+from cspace.map.record import Map
 from cspace.map.search import Costs, check_deadline
-from cspace.map.storage import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.rotations.yaw import shorter_angle
-from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, prove_length, shortest_word, word_is_free
+from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, pose_is_free, prove_length, shortest_word, word_is_free
 from planners.local_planner import CURVES, EdgesOnMap, Endpoints
 
 MAX_STEP_CELLS: Final = 2
@@ -571,7 +571,7 @@ def expand_nodes(map_: Map, lattice: Lattice, car: Car, nodes: Nodes) -> bool:
                 next_x, next_y = goal[0], goal[1]  # else rounding would give the last edge a heading
             if is_car and links[node, 1] >= 0 and lattice.lengths[links[node, 1], 0] * lattice.lengths[move, 0] < 0.0:
                 step += SWITCH_RADII * lattice.radius
-            if map_.lower[0] <= next_x <= map_.upper[0] and map_.lower[1] <= next_y <= map_.upper[1]:
+            if map_.lower[1] <= next_x <= map_.upper[1] and map_.lower[2] <= next_y <= map_.upper[2]:
                 q = (next_x, next_y, lattice.headings[after])
                 add_node(map_, lattice, car, nodes, q, after, cost + step, node, move)
     return False
@@ -594,7 +594,7 @@ def add_node(
     The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if its cell and
     heading have a cheaper node, or if its path, which costs ``cost``, cannot beat the best.
     """
-    i, j = math.floor((q[0] - map_.lower[0]) / lattice.side), math.floor((q[1] - map_.lower[1]) / lattice.side)
+    i, j = math.floor((q[0] - map_.lower[1]) / lattice.side), math.floor((q[1] - map_.lower[2]) / lattice.side)
     key = ((i << KEY_BITS) + j) * len(lattice.headings) + heading
     slot, spare = _slot(nodes, key), MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
     known = nodes.table[slot]
@@ -610,7 +610,7 @@ def add_node(
         if car is None:
             if not _is_free(map_, p, q):
                 return
-        elif not around_is_free(map_, q, spare * lattice.radius, spare) or not word_is_free(
+        elif not pose_is_free(map_, q, spare * lattice.radius, spare) or not word_is_free(
             map_, lattice.radius, p, lattice.steering[move], lattice.lengths[move], spare
         ):
             return
@@ -654,9 +654,9 @@ def _remaining(map_: Map, lattice: Lattice, car: Car, q: Pose, heading: int) -> 
 
     The estimate is the largest of the straight distance, the table's cost and, near the goal, a car's curve.
     """
-    rows, columns = map_.states.shape[1], map_.states.shape[2]
-    i = min(math.floor((q[0] - map_.lower[0]) / map_.spacing), rows - 1) + PAD
-    j = min(math.floor((q[1] - map_.lower[1]) / map_.spacing), columns - 1) + PAD
+    rows, columns = map_.states.shape[2], map_.states.shape[3]
+    i = min(math.floor((q[0] - map_.lower[1]) / map_.spacing), rows - 1) + PAD
+    j = min(math.floor((q[1] - map_.lower[2]) / map_.spacing), columns - 1) + PAD
     cells = abs(lattice.table[(i * (columns + 2 * PAD) + j) * lattice.columns + lattice.nearest[heading]]) - 1.0
     to_goal = math.hypot(q[0] - lattice.goal[0], q[1] - lattice.goal[1])
     metres = max(to_goal, cells * map_.spacing if cells >= 0.0 else to_goal + lattice.unreached)
@@ -697,7 +697,8 @@ def _is_free(map_: Map, q0: Pose, q1: Pose) -> bool:
 
     This wrapper is compiled once, because edge_is_free is long.
     """
-    return edge_is_free(map_, q0, q1)
+    p0, p1 = position_in_plane(map_, q0[0], q0[1]), position_in_plane(map_, q1[0], q1[1])
+    return edge_is_free(map_, p0, (q0[2],), p1, (q1[2],))
 
 
 @allocating

@@ -31,8 +31,8 @@ from cspace.check import check_finite, check_flag, check_positive, check_word
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
+from cspace.map.callbacks import bind_kernel
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
-from cspace.rotations.records import bind_kernel
 from cspace.space import CSpace
 from cspace.words import Drive
 from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, PlannerName
@@ -899,7 +899,7 @@ class CarCurves(EdgesOnMap):
         from planners.car_curves import curve_cost
         from planners.integrals import bind_cost
 
-        return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius))
+        return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius), count=6)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.

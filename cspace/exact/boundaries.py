@@ -10,7 +10,7 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Ints
 from cspace.exact import DISTANCE_ROUNDING
 from cspace.grid import Grid
-from cspace.map.storage import Map
+from cspace.map.record import Map
 from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
 from cspace.rotations import Rotations

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, Numbers, Row
 from cspace.compiling import kernel
-from cspace.map.points import Numbers, cell_of, configuration, drop_slice, is_usable
-from cspace.map.storage import Map
+from cspace.map.points import cell_of, is_usable, position_in, slice_of
+from cspace.map.record import Map
 from cspace.raster import Raster, extract_runs
+from cspace.rotations.lookup import rotation_in
 
 Counts = NDArray[np.int16] | NDArray[np.int32]
 
@@ -74,20 +75,19 @@ def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats
     ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
     for k in range(points.shape[0]):
-        q = configuration(map_, points, k)
-        if not is_usable(map_, q):
+        position, rotation = position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        if not is_usable(position, rotation):
             return k
-        out[k] = overlap_at(map_, counts, runs, outside, q)
+        out[k] = overlap_at(map_, counts, runs, outside, position, rotation)
     return -1
 
 
 @kernel
-def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
+def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, position: Row, rotation: Numbers) -> int:
     """Return the overlap at one configuration."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
-    _, _, cell = cell_of(map_, q)
-    i, j, k = drop_slice(cell, 0)
-    s = map_.rotations.slice_at(q)
+    i, j, k = cell_of(map_, position)
+    s = slice_of(map_, rotation)
     total = 0
     for r in range(runs.stops[s - 1] if s > 0 else 0, runs.stops[s]):
         a, b = i + runs.rows[r, 0], j + runs.rows[r, 1]

@@ -21,7 +21,6 @@ from cspace.arrays import FREE, Bytes, Ints, frozen
 from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
-from cspace.rotations import CompiledRotations
 from cspace.rotations.records import always_inline, dispatch_on_type, load_word
 
 WordPair = tuple[np.uint64, np.uint64]
@@ -444,38 +443,3 @@ def check_bytes(states: int) -> None:
             "read one rotation at a time, with states_at",
             value=states,
         )
-
-
-class Map(NamedTuple):
-    """States over rotation cells and grid cells, for kernels.
-
-    The arrays are views of the map's own arrays, so workspace updates are visible here.
-
-    Attributes
-    ----------
-    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz), or TwoBits
-        FREE, MIXED or BLOCKED; read-only, in C order. Kernels read only its shape.
-    cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,), or TwoBits
-        The same states in a row; kernels read them through :mod:`cspace.map.storage` only.
-    rotations : NamedTuple
-        Rotation cells and their slices; kernels call its methods only.
-    lower, upper : tuple of float, length d
-        Corners of the grid, metres.
-    spacing : float
-        Side of a cell, metres.
-    exterior : ndarray of int64, shape (slices, 2 d + 1)
-        States outside the grid: :attr:`cspace.map.exterior.Exterior.table`.
-    """
-
-    states: Cells
-    cells: Cells
-    rotations: CompiledRotations
-    lower: tuple[float, ...]
-    spacing: float
-    upper: tuple[float, ...]
-    exterior: Ints
-
-    @property
-    def slice_of(self) -> Ints:
-        """Slice of each rotation cell, shape (rotations,)."""
-        return np.asarray(self.rotations.slice_of)

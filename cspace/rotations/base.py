@@ -11,10 +11,9 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
+from cspace.arrays import Bools, Floats, Ints
 from cspace.check import check_finite
 from cspace.errors import AngleWarning, InputError, warn_user
-from cspace.rotations.records import compilable
 
 METRES_PER_RADIAN: Final = 0.5
 """Length that a rotation by one radian adds to a path, as in OMPL's SE(2) and SE(3)."""
@@ -79,9 +78,6 @@ def beside(angle: Floats, other: Floats) -> Floats:
     """Shift angles by whole turns to within pi of other angles."""
     return angle + TWO_PI * np.rint((other - angle) / TWO_PI)
 
-
-Cursor = Any
-"""State of a walk over rotation cells, which only its kind reads."""
 
 MAX_PAIRS_PER_BATCH: Final = 2**20
 """Maximum number of pairs of rotation and cell that are compared at a time."""
@@ -177,79 +173,21 @@ DIAL_OFFSETS: Final = np.array([[-1e-6], [1e-6]])
 """Offsets, in radians, of the two rotations that are looked up for a pixel of a dial."""
 
 
-class CompiledRotations(Protocol):
-    """Interface of the records that compiled look-ups use.
+class RotationTable(NamedTuple):
+    """Rotation cells for kernels; see :mod:`cspace.rotations.lookup`.
 
-    Each is a NamedTuple of arrays, whose methods numba compiles into their callers. Configurations are tuples of
-    floats; the last numbers are the rotation.
+    Attributes
+    ----------
+    borders : ndarray of float64
+        Boundaries of the yaw cells, shape (n + 1,), which is empty for a single cell; or boundaries of the parts of an
+        axis of quotients, shape (1, n + 1), for quaternions. Compiled code knows the number of axes, so it has no
+        quaternions unless the map has.
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
     """
 
-    @property
-    def slice_of(self) -> Sequence[int] | Ints:
-        """Slice of each rotation cell."""
-
-    def zeros(self) -> Numbers:
-        """Return the origin of the coordinates of a rotation.
-
-        For a yaw it is the first boundary.
-        """
-
-    def is_usable(self, q: Numbers) -> bool:
-        """Return True if the coordinates of a rotation are finite and exact enough."""
-
-    def cell_at(self, q: Numbers) -> int:
-        """Return the rotation cell that contains the rotation of a configuration."""
-
-    def slice_at(self, q: Numbers) -> int:
-        """Return the slice that contains the rotation of a configuration."""
-
-    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """Write the slices of a batch, to be read by :meth:`slice_among`.
-
-        ``numbers`` is the flat batch. Rotations that are not usable get any slice.
-        """
-
-    def slice_among(self, slices: Ints, k: int) -> int:
-        """Return the slice of entry k of a batch."""
-
-    def first_piece(self, q0: Numbers, q1: Numbers) -> Cursor:
-        """Begin a walk along an edge, which follows the shortest rotation."""
-
-    def next_piece(self, cursor: Cursor) -> tuple[bool, int, float, float, Cursor]:
-        """Return the next piece of the edge.
-
-        Returns whether there is one, its slice, start, stop and the cursor. Parameters along an edge run from 0 to 1.
-        Cells are widened by the rounding allowance, so pieces overlap.
-        """
-
-    def first_around(self, q: Numbers, angle: float) -> Cursor:
-        """Begin a walk over the rotation cells within an angle.
-
-        The angle is from the rotation of a configuration.
-        """
-
-    def next_around(self, cursor: Cursor) -> tuple[bool, int, Cursor]:
-        """Return the next of these cells: whether there is one, and its slice."""
-
-    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Return the number of shortest arcs between two rotations.
-
-        Two arcs that are equal up to rounding count as two.
-        """
-
-    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of a shortest arc, and its error; radians.
-
-        ``arc``, from 0 to ``arc_count - 1``, selects one of the shortest arcs from ``q0`` to ``q1``. The error bounds
-        the angle between the rotations on the arc and those of a planner that interpolates in its own way: OMPL's
-        may jump between nearly equal quaternions.
-        """
-
-    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """Return the first configuration, rotated to t in [0, 1] along an arc."""
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        """Return the rows of the rotation matrix of a configuration in space."""
+    borders: Floats
+    slice_of: Ints
 
 
 class Symmetric(Protocol):
@@ -639,9 +577,9 @@ class Rotations(ABC):
         """
         return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
-    def _compile(self, slice_of: Ints) -> CompiledRotations:
-        """Return the record for compiled look-ups."""
-        return OneCell((0,))
+    def _table(self, slice_of: Ints) -> RotationTable:
+        """Return the rotation cells for kernels."""
+        return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
 
     def _dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return all rotations as dials.
@@ -716,65 +654,3 @@ class OneRotation(Rotations):
     def _draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Return cell 0 ``n`` times, without a draw."""
         return np.zeros(n, dtype=np.int64)
-
-
-@compilable
-class OneCell(NamedTuple):
-    """Record for compiled look-ups of a robot that only translates."""
-
-    slice_of: tuple[int]
-
-    def zeros(self) -> tuple[()]:
-        """Return the origin of the coordinates of a rotation."""
-        return ()
-
-    def is_usable(self, q: Numbers) -> bool:
-        """Return True if the coordinates of a rotation are finite and exact enough."""
-        return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
-
-    def cell_at(self, q: Numbers) -> int:
-        """Return the rotation cell that contains the rotation of a configuration."""
-        return np.int64(0)  # type: ignore[return-value]  # a literal would compile every callee again
-
-    def slice_at(self, q: Numbers) -> int:
-        """Return the slice that contains the rotation of a configuration."""
-        return np.int64(0)  # type: ignore[return-value]  # a literal would compile every callee again
-
-    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """Write the slices of a flat batch of configurations."""
-
-    def slice_among(self, slices: Ints, k: int) -> int:
-        """Return the slice of entry k of a batch."""
-        return 0
-
-    def first_piece(self, q0: Numbers, q1: Numbers) -> bool:
-        """Begin a walk along an edge."""
-        return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
-
-    def next_piece(self, cursor: bool) -> tuple[bool, int, float, float, bool]:
-        """Return the next piece of the edge."""
-        return cursor, np.int64(0), 0.0, 1.0, False  # type: ignore[return-value]
-
-    def first_around(self, q: Numbers, angle: float) -> bool:
-        """Begin a walk over the cells within an angle."""
-        return True
-
-    def next_around(self, cursor: bool) -> tuple[bool, int, bool]:
-        """Return the next of these cells."""
-        return cursor, np.int64(0), False  # type: ignore[return-value]
-
-    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Return the number of shortest arcs."""
-        return 1
-
-    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of a shortest arc, and its error; radians."""
-        return 0.0, 0.0
-
-    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """Return the first configuration, rotated along an arc."""
-        return q0
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        """Return the rows of the rotation matrix."""
-        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints, Matrix, Numbers
+from cspace.arrays import Floats, Ints
 from cspace.check import check_count, check_finite
+from cspace.compiling import inlined, kernel
 from cspace.errors import InputError
 from cspace.rotations.base import (
     ANGLE_SLACK,
@@ -23,10 +24,10 @@ from cspace.rotations.base import (
     Dial,
     RotationCell,
     Rotations,
+    RotationTable,
     Symmetric,
     wrapped,
 )
-from cspace.rotations.records import compilable
 
 MAX_YAW_CELLS: Final = 2**16
 """Maximum number of yaw cells, each 0.0055 degrees wide: 1 cm at 100 m from the axis."""
@@ -304,111 +305,23 @@ class YawRotations(Rotations):
         around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
         return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_OFFSETS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
-    def _compile(self, slice_of: Ints) -> YawCells:
-        """Return the record for compiled look-ups."""
-        return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
+    def _table(self, slice_of: Ints) -> RotationTable:
+        """Return the rotation cells for kernels."""
+        return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
-@compilable
-class YawCells(NamedTuple):
-    """Record for compiled look-ups of yaw cells.
-
-    In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
-    """
-
-    borders: Floats
-    slice_of: Ints
-
-    def zeros(self) -> tuple[float]:
-        """Return the origin of the coordinates of a rotation."""
-        return (self.borders[0],)
-
-    def is_usable(self, q: Numbers) -> bool:
-        """Return True if the coordinates of a rotation are finite and exact enough."""
-        return abs(q[-1]) <= MAX_ANGLE  # False for NaN
-
-    def cell_at(self, q: Numbers) -> int:
-        """Return the rotation cell that contains the rotation of a configuration."""
-        return find_cell(self.borders, wrap_to_cells(self.borders, q[-1]))
-
-    def slice_at(self, q: Numbers) -> int:
-        """Return the slice that contains the rotation of a configuration."""
-        return int(self.slice_of[self.cell_at(q)])
-
-    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """Write the slices of a flat batch of configurations."""
-        angles = np.empty(len(out))
-        for k in range(len(out)):
-            angles[k] = wrap_to_cells(
-                self.borders, numbers[np.uint64(size * k + size - 1)]
-            )  # uint64 skips the check for negative indices
-        for k in range(len(out)):
-            out[k] = self.slice_of[np.uint64(find_cell(self.borders, angles[k]))]
-
-    def slice_among(self, slices: Ints, k: int) -> int:
-        """Return the slice of entry k of a batch."""
-        return int(slices[k])
-
-    def first_piece(self, q0: Numbers, q1: Numbers) -> tuple[float, float, float, int]:
-        """Begin a walk along an edge."""
-        angle = shorter_angle(q0[-1], q1[-1])
-        other = 0.0
-        if math.pi - abs(angle) <= ANGLE_SLACK:  # both arcs are equal up to rounding, so walk both
-            other = signed_angle(q0, q1, 1)
-        start = wrap_to_cells(self.borders, q0[-1])
-        return start, angle, other, first_widened_cell(self.borders, min(start, start + angle))
-
-    def next_piece(
-        self, cursor: tuple[float, float, float, int]
-    ) -> tuple[bool, int, float, float, tuple[float, float, float, int]]:
-        """Return the next piece of the edge."""
-        start, angle, other, cell = cursor
-        k, low, high = widened_bounds(self.borders, cell)
-        if low > max(start, start + angle) and other != 0.0:
-            angle, other = other, 0.0
-            cell = first_widened_cell(self.borders, min(start, start + angle))
-            k, low, high = widened_bounds(self.borders, cell)
-        if low > max(start, start + angle):  # False for NaN, which the look-up of the position refuses
-            return False, 0, 0.0, 0.0, cursor
-        a, b = clip_parameters(low, high, start, angle)
-        return True, self.slice_of[k], a, b, (start, angle, other, cell + 1)
-
-    def first_around(self, q: Numbers, angle: float) -> tuple[float, int, int]:
-        """Begin a walk over the cells within an angle."""
-        start, reach = wrap_to_cells(self.borders, q[-1]), min(angle, math.pi)
-        return start + reach, first_widened_cell(self.borders, start - reach), len(self.borders) - 1
-
-    def next_around(self, cursor: tuple[float, int, int]) -> tuple[bool, int, tuple[float, int, int]]:
-        """Return the next of these cells."""
-        limit, cell, remaining = cursor
-        k, low, _ = widened_bounds(self.borders, cell)
-        return remaining > 0 and not low > limit, self.slice_of[k], (limit, cell + 1, remaining - 1)
-
-    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Return the number of shortest arcs."""
-        return 2 if math.pi - abs(signed_angle(q0, q1, 0)) <= ANGLE_SLACK else 1
-
-    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of a shortest arc, and its error; radians."""
-        return abs(signed_angle(q0, q1, arc)), 0.0
-
-    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """Return the first configuration, rotated along an arc."""
-        return (*q0[:-1], q0[-1] + t * signed_angle(q0, q1, arc))
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        """Return the rows of the rotation matrix."""
-        cosine, sine = math.cos(q[-1]), math.sin(q[-1])
-        return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
+# ---- look-ups for kernels --------------------------------------------------------------------------------------------
+#
+# In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
 
 
-@compilable
+@inlined
 def wrap_to_cells(borders: Floats, yaw: float) -> float:
     """Wrap a yaw into the range of the cells, up to rounding."""
     return yaw - math.floor((yaw - float(borders[0])) / TWO_PI) * TWO_PI
 
 
-@compilable
+@inlined
 def find_cell(borders: Floats, yaw: float) -> int:
     """Return the cell of a wrapped yaw.
 
@@ -417,9 +330,9 @@ def find_cell(borders: Floats, yaw: float) -> int:
     """
     count = borders.shape[0] - 1
     guess = (yaw - borders[0]) * (count / TWO_PI)
-    low = np.int64(guess) if 0.0 <= guess < count else 0
-    if borders[np.uint64(low)] <= yaw < borders[np.uint64(low + 1)]:
-        return int(low)
+    low = int(guess) if 0.0 <= guess < count else 0
+    if borders[low] <= yaw < borders[low + 1]:
+        return low
     low, high = 0, count
     while high - low > 1:
         center = (low + high) // 2
@@ -430,7 +343,7 @@ def find_cell(borders: Floats, yaw: float) -> int:
     return low
 
 
-@compilable
+@kernel
 def first_widened_cell(borders: Floats, angle: float) -> int:
     """Return the first cell, widened by ANGLE_SLACK, that contains an angle."""
     revolutions = math.floor((angle - borders[0]) / TWO_PI)
@@ -439,7 +352,7 @@ def first_widened_cell(borders: Floats, angle: float) -> int:
     return int(k + revolutions * (borders.shape[0] - 1) - (1 if on_boundary else 0))
 
 
-@compilable
+@inlined
 def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
     """Return the index and the widened bounds of a cell.
 
@@ -451,7 +364,7 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
     return k, borders[k] + revolutions * TWO_PI - ANGLE_SLACK, borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK
 
 
-@compilable
+@inlined
 def shorter_angle(first: float, second: float) -> float:
     """Return the signed angle of the shorter arc between two yaws.
 
@@ -462,7 +375,7 @@ def shorter_angle(first: float, second: float) -> float:
     return angle - TWO_PI if angle > math.pi else angle
 
 
-@compilable
+@inlined
 def clip_parameters(low: float, high: float, start: float, angle: float) -> tuple[float, float]:
     """Return the parameters of a rotation within an interval of angles."""
     if angle == 0.0:
@@ -472,8 +385,16 @@ def clip_parameters(low: float, high: float, start: float, angle: float) -> tupl
     return min(a, b), max(a, b)
 
 
-@compilable
-def signed_angle(q0: Numbers, q1: Numbers, arc: int) -> float:
-    """Return the signed angle of the shorter or the other arc."""
-    angle = shorter_angle(q0[-1], q1[-1])
-    return angle if arc == 0 else (angle - TWO_PI if angle > 0.0 else angle + TWO_PI)
+@inlined
+def signed_angle(first: float, second: float, arc: int) -> float:
+    """Return the signed angle of the shorter arc (0) or the other one (1)."""
+    angle = shorter_angle(first, second)
+    if arc == 0:
+        return angle
+    return angle - TWO_PI if angle > 0.0 else angle + TWO_PI
+
+
+@inlined
+def count_yaw_arcs(first: float, second: float) -> int:
+    """Return the number of shortest arcs: two if they are equal up to rounding."""
+    return 2 if math.pi - abs(shorter_angle(first, second)) <= ANGLE_SLACK else 1

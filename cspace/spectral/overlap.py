@@ -8,24 +8,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, lru_cache, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, overload
+from typing import TYPE_CHECKING, Any, Final, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bytes, Floats, Ints, Numbers
+from cspace.arrays import Bytes, Floats, Ints, Numbers, Row
 from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
 from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory, count_cells
 from cspace.map.batches import Configuration, ConfigurationBatch, evaluate_batch, in_threaded_chunks
-from cspace.map.callbacks import callback
+from cspace.map.callbacks import MAX_SIZE, bind_kernel, bind_numbers, position_before, rotation_before
 from cspace.map.contents import checked_field
-from cspace.map.points import configuration, is_usable, replaced
-from cspace.map.storage import Map
+from cspace.map.points import is_usable, position_in, slice_of
+from cspace.map.record import Map
 from cspace.rotations import Rotations
-from cspace.rotations.records import compilable
+from cspace.rotations.lookup import rotation_in
 from cspace.spectral.bump import Bump, check_tolerance, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
@@ -50,7 +50,7 @@ from cspace.spectral.spectra import (
     separate_all,
     sum_pairs,
 )
-from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, BallTree, ContactTest
+from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, BallTree, ContactTest, test_placement
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -422,12 +422,9 @@ class FourierOverlap:
         """Contact test of A, rotated, and B."""
         (outer_a, outer_b), (inner_a, inner_b) = self._trees
         outer_a, inner_a = outer_a.rotated(self._rotation), inner_a.rotated(self._rotation)
-        frame, scratch = (
-            np.stack([self._pivot, self._center_b, self._half_sides]),
-            np.empty(MAX_PENDING_NODE_PAIRS, int),
-        )
+        frame = np.stack([self._pivot, self._center_b, self._half_sides])
         slack = 4.0 * self._placement_error
-        return ContactTest(outer_a, outer_b, inner_a, inner_b, _in_space(frame), slack, scratch)
+        return ContactTest(outer_a, outer_b, inner_a, inner_b, _in_space(frame), slack)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without compiled functions."""
@@ -436,7 +433,9 @@ class FourierOverlap:
     @cached_property
     def _test_one(self) -> Callable[..., int]:
         """Contact test of one placement (x, y, z), compiled."""
-        return callback(self._contact_test, 3, nogil=False)
+        test = bind_kernel(test_placement, (self._contact_test,), 0.0, 0.0, 0.0, np.empty(0, dtype=np.int64))
+        # Memory of its own for each call, because threads may call at once.
+        return lambda x, y, z: test(x, y, z, np.empty(MAX_PENDING_NODE_PAIRS, dtype=np.int64))
 
     @property
     def _placement_error(self) -> float:
@@ -680,18 +679,18 @@ class OverlapField:
             raise InputError("overlap", f"is a {type(argument).__name__}", rule, hint, value=argument)
         grid, map_ = space.grid, space._kernel_map
         check_same_dim("overlap", overlap.dim, grid.dim)
-        shape = map_.states.shape
+        shape = (map_.states.shape[0], *grid.shape)
         check_memory(8.0 * math.prod(shape), "the overlap field", grid)
         values, make = np.zeros(shape), _CellValues(overlap, grid)
         rotation_cells = space.rotations._shape_cells(grid.dim)
         for number in range(shape[0]):
-            make.write(rotation_cells[int(np.argmax(map_.slice_of == number))].matrix, values[number])
+            make.write(rotation_cells[int(np.argmax(map_.rotations.slice_of == number))].matrix, values[number])
         return cls(space, values.reshape(_shape(space)))
 
     @property
     def cells(self) -> Floats:
-        """Overlap by slice, for kernels, shape (slices, nx, ny(, nz))."""
-        return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
+        """Overlap of all cells in a row, for kernels."""
+        return np.ascontiguousarray(self.values).reshape(-1)
 
     @overload
     def at(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
@@ -713,7 +712,7 @@ class OverlapField:
 
     def checker(self) -> Callable[..., float]:
         """Return a fast, unchecked :meth:`at` of floats: ``check(*q)``."""
-        check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
+        check: Callable[..., float] = bind_numbers(field_of, self._fixed(), self._size)
         return check
 
     @property
@@ -732,46 +731,42 @@ def _shape(space: Space) -> tuple[int, ...]:
 
 
 @kernel
-def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
+def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
     """Interpolate a field between the nearest 2^d cell centers."""
-    dim = len(map_.lower)
-    # The lower cell of the interpolation, and the position between it and the upper cell, from 0 to 1, along each axis.
-    cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
-    for axis in range(dim):
-        count = map_.states.shape[axis + 1]
-        position = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), count - 1.0)
-        lower_cell = min(int(position), max(count - 2, 0))
-        cell, shares = replaced(cell, axis + 1, lower_cell), replaced(shares, axis, position - lower_cell)
-    total = 0.0
-    for corner in range(1 << dim):
-        share, other = 1.0, cell
-        for axis in range(dim):
-            upper = (corner >> axis) & 1
-            share *= shares[axis] if upper else 1.0 - shares[axis]
-            other = replaced(other, axis + 1, cell[axis + 1] + upper)
-        if share > 0.0:
-            total += share * float(values[other])
+    s, total = slice_of(map_, rotation), 0.0
+    for corner in range(8):
+        weight, cell = 1.0, s
+        for axis in range(3):
+            count = map_.states.shape[axis + 1]
+            place = min(max((position[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), count - 1.0)
+            k = min(int(place), max(count - 2, 0))
+            share = place - k
+            if (corner >> axis) & 1:
+                k = min(k + 1, count - 1)
+                weight *= share
+            else:
+                weight *= 1.0 - share
+            cell = cell * count + k
+        if weight > 0.0:
+            total += weight * values[cell]
     return max(total, 0.0)
-
-
-@compilable
-class Field(NamedTuple):
-    """Value of a field, as a compiled query."""
-
-    map_: Map
-    values: Floats
-
-    def evaluate(self, q: Numbers) -> float:
-        """Return the value of the field at a configuration."""
-        return field_at(self.map_, self.values, q)
 
 
 @kernel
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
     """Write :func:`field_at` of points; return the first invalid index, or -1."""
     for k in range(len(points)):
-        q = configuration(map_, points, k)
-        if not is_usable(map_, q):
+        position, rotation = position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        if not is_usable(position, rotation):
             return k
-        out[k] = field_at(map_, values, q)
+        out[k] = field_at(map_, values, position, rotation)
     return -1
+
+
+@kernel
+def field_of(map_: Map, values: Floats, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> float:
+    """Return the value of a field at one configuration; see :func:`bind_numbers`."""
+    numbers = a, b, c, d, e, f, g
+    position = position_before(map_, numbers, MAX_SIZE)
+    rotation = rotation_before(map_.rotations.borders, numbers, MAX_SIZE)
+    return field_at(map_, values, position, rotation)
