@@ -90,9 +90,9 @@ def test_sharing_slices_in_space_changes_no_state(monkeypatch):
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
     monkeypatch.setattr(type(turns), "_images", Rotations._images)
     alone = cspace.build(workspace, robot, rotations=turns, counts=True)
-    assert (len(shared._kernel_map.states), len(alone._kernel_map.states)) == (8, 32)
+    assert (len(shared._seen), len(alone._seen)) == (8, 32)
     assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
-    assert (shared.overlap_counts[shared._kernel_map.slice_of] == alone.overlap_counts).all()
+    assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
 
 
 @pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
@@ -102,16 +102,16 @@ def test_sharing_slices_in_the_plane_changes_no_state(name, count, monkeypatch):
     workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
     shared = cspace.build(workspace, robot, rotations=count, counts=True)
     if order == 0:
-        assert len(shared._kernel_map.states) == 1
+        assert len(shared._seen) == 1
         assert (shared.cell_states == cspace.build(workspace, robot).cell_states).all()
     elif count % order == 0:
-        assert len(shared._kernel_map.states) == count // order
+        assert len(shared._seen) == count // order
     monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     alone = cspace.build(workspace, robot, rotations=count, counts=True)
-    assert len(alone._kernel_map.states) == count
+    assert len(alone._seen) == count
     assert shared.cell_states.shape == alone.cell_states.shape == (count, 25, 20)
     assert (shared.cell_states == alone.cell_states).all()
-    assert (shared.overlap_counts[shared._kernel_map.slice_of] == alone.overlap_counts).all()
+    assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
     assert shared.count() == alone.count() == tuple(np.bincount(alone.cell_states.ravel(), minlength=3))
 
 

@@ -15,25 +15,15 @@ from scipy.spatial.transform import Rotation
 import cspace
 import planners
 from cspace import BLOCKED, FREE, CSpace
-from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
+from cspace.arrays import Bools, Floats, Ints
 from cspace.cli.options import parse_configuration, parse_rotation_cells
 from cspace.errors import InputError
 from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
-from cspace.rotations.records import compilable
-from cspace.rotations.yaw import YawCells, YawRotations
+from cspace.rotations.yaw import YawRotations
 from tests.maps import proven_paths
 
 COUNT = 8
-
-
-@compilable
-class PitchCells(YawCells):
-    """Record of pitch cells, which are yaw cells about y."""
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        cosine, sine = math.cos(q[-1]), math.sin(q[-1])
-        return (cosine, 0.0, sine), (0.0, 1.0, 0.0), (-sine, 0.0, cosine)
 
 
 @dataclass(frozen=True)
@@ -78,9 +68,6 @@ class PitchRotations(YawRotations):
     def _matrices(self, rotation: Floats, dim: int) -> Floats:
         made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()
         return made.reshape(*rotation.shape[:-1], 3, 3)
-
-    def _compile(self, slice_of: Ints) -> PitchCells:
-        return PitchCells(*super()._compile(slice_of))
 
 
 @pytest.fixture(scope="module")
@@ -190,10 +177,3 @@ def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None
     again = cspace.open(tmp_path / "map.zarr")
     assert again.rotations == space.rotations and isinstance(again.rotations, PitchRotations)
     assert np.array_equal(again.classify(q), space.classify(q))
-
-
-def test_exact_queries_use_the_rotation(space: CSpace) -> None:
-    q = draw(space, 1000)
-    q = q[space.classify(q) == cspace.MIXED][:60]
-    free = space.is_free(q, exact=True)
-    assert free.any() and not collides(space, q[free]).any()

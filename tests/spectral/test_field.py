@@ -213,7 +213,7 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
 def replace_field(space: CSpace, field: Any = None) -> CSpace:
     """Return the same map with another field, or none."""
     options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
-    states, counts = space._kernel_map.states.copy(), space.overlap_counts
+    states, counts = space._seen.copy(), space.overlap_counts
     overlap_counts = None if counts is None else counts.reshape(states.shape)
     return map_in(
         space.workspace,
@@ -238,7 +238,7 @@ def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
     with pytest.raises(ValueError):
         with_field.overlap_field.values[...] = 0.0
     assert with_field.clearance(with_field.nearest_free([0.0] * space.size)) == clearance
-    assert (kind == "shared") == (len(space.rotations.names) and len(space._kernel_map.states) < len(space.rotations))
+    assert (kind == "shared") == (len(space.rotations.names) and len(space._seen) < len(space.rotations))
     again = build(with_field.workspace, with_field.robot, rotations=with_field.rotations)
     assert again.overlap_field is None and FIELD_NAME not in again.to_xarray()
 

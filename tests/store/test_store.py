@@ -92,7 +92,7 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(
         patch.setattr("cspace.space.slice_rasters", None)  # which look-ups of a saved map need not
         opened = cspace.open(str(path))
         same(space, opened)
-        np.testing.assert_array_equal(opened._kernel_map.exterior, space._kernel_map.exterior)
+        np.testing.assert_array_equal(opened._exterior.table, space._exterior.table)
     again = cspace.build(
         opened.workspace, opened.robot, rotations=opened.rotations, margin=opened.margin, outside=opened.outside
     )
@@ -520,6 +520,6 @@ def test_an_update_of_a_saved_map_removes_invalid_arrays(tmp_path: Path) -> None
     assert tiled.update(patch, (4, 4)).changed == space.update(patch, (4, 4)).changed
     again = cspace.open(tmp_path / "m")
     np.testing.assert_array_equal(again.cell_states, space.cell_states)
-    np.testing.assert_array_equal(again._kernel_map.exterior, space._kernel_map.exterior)
+    np.testing.assert_array_equal(again._exterior.table, space._exterior.table)
     assert again.workspace.unknown is None and again.workspace.shapes is None
     assert not {"unknown", "shapes", "exterior"} & {entry.name for entry in (tmp_path / "m").iterdir()}

@@ -34,7 +34,7 @@ def stored_states(path):
 
 def check_states(path, space):
     """Fail unless a store has the states of a map in memory."""
-    np.testing.assert_array_equal(stored_states(path).reshape(space._kernel_map.states.shape), space._kernel_map.states)
+    np.testing.assert_array_equal(stored_states(path).reshape(space._seen.shape), space._seen)
 
 
 @pytest.mark.parametrize("name", MAP_INPUTS)
@@ -93,7 +93,7 @@ def check_finished_tiles(path, space, known=()):
             cells = store.cells(index)
             inside = tuple(slice(0, part.stop - part.start) for part in cells)
             for k, number in enumerate(store.numbers(layer)):
-                np.testing.assert_array_equal(states[(k, *inside)], space._kernel_map.states[(number, *cells)])
+                np.testing.assert_array_equal(states[(k, *inside)], space._seen[(number, *cells)])
     return set(store.done())
 
 

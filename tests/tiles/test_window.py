@@ -100,7 +100,7 @@ def test_overview_states_are_proven(name, tmp_path):
         seen = tiled.overview(most)
         assert max(seen.grid.shape) <= most
         factor = round(seen.grid.spacing / space.grid.spacing)
-        states = space._kernel_map.states
+        states = space._seen
         sides = [factor * n for n in seen.grid.shape]
         padded = np.full((len(states), *sides), cspace.MIXED, dtype=np.uint8)
         padded[(slice(None), *(slice(0, n) for n in space.grid.shape))] = states
@@ -108,6 +108,6 @@ def test_overview_states_are_proven(name, tmp_path):
         axes = tuple(range(2, pieces.ndim, 2))
         free, blocked = (pieces == cspace.FREE).all(axis=axes), (pieces == cspace.BLOCKED).all(axis=axes)
         expected = np.where(free, cspace.FREE, np.where(blocked, cspace.BLOCKED, cspace.MIXED))
-        np.testing.assert_array_equal(seen._kernel_map.states, expected)
+        np.testing.assert_array_equal(seen._seen, expected)
     with pytest.raises(InputError, match="max_cells"):
         tiled.overview(0)
