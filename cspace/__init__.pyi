@@ -10,7 +10,6 @@ from . import plot as plot
 from . import raster as raster
 from . import shapes as shapes
 from . import spectral as spectral
-from . import store as store
 from . import update as update
 from . import view as view
 from . import workspace as workspace
@@ -33,7 +32,6 @@ from .errors import InputError as InputError
 from .errors import MissingPackageError as MissingPackageError
 from .grid import Grid as Grid
 from .opening import open as open  # noqa: A004
-from .opening import open_slice as open_slice
 from .robot import Robot as Robot
 from .rotations import Rotations as Rotations
 from .shapes.mesh import Mesh as Mesh

@@ -24,7 +24,7 @@ from cspace.arrays import Bools, Box, Ints
 from cspace.check import check_cells, check_dims
 from cspace.errors import FileError
 from cspace.files.access import decoding
-from cspace.files.chunks import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chunk
+from cspace.files.zarr_folders import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chunk
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
 

@@ -38,35 +38,43 @@ from cspace import __version__
 from cspace.arrays import BLOCKED, FIELD_NAME, MIXED, Bools, Box, Ints, States, StrPath, intersect_boxes
 from cspace.compiling import kernel
 from cspace.errors import CspaceError, FileError
-from cspace.files.access import check_suffix, decoding, read_bytes, read_member, replacing
+from cspace.files.access import decoding, read_bytes, read_member
 from cspace.files.chunks import MAX_CHUNK_BYTES, Layout, unpack
 from cspace.files.plain import read_json
 from cspace.grid import Grid
 from cspace.limits import check_bytes, is_packed
-from cspace.map.contents import Contents
 from cspace.map.description import (
     AXES,
-    FORMAT,
     VERSION,
-    arrays_of,
-    attributes_of,
-    axes_of,
+    Stored,
     grid_of,
-    metadata_of,
     shapes_from,
-    stored,
     turns_of,
 )
-from cspace.map.exterior import Exterior
+from cspace.map.description import attributes_of as saved_attributes
+from cspace.map.description import axes_of as saved_axes
+from cspace.map.description import stored as saved_arrays
 from cspace.map.storage import PackedStates, Stack
-from cspace.obstacles import CellsInMemory
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
-from cspace.workspace import Workspace
 
-_OLD_FORMATS: Final = (FORMAT, "cspace-tiles")
+FORMAT: Final = "cspace-tiles"
+
+_OLD_FORMATS: Final = (FORMAT,)
 """Names of the format, in this version and earlier ones."""
+
+
+def stored() -> Mapping[str, Stored]:
+    """Return the arrays of maps and of tiles."""
+    comment = "counts, box of the obstacles, and digests"
+    return {**saved_arrays(), "record": Stored(("tiles", "number"), "int64", -1, {"comment": comment})}
+
+
+def axes_of(name: str, dim: int) -> tuple[str, ...]:
+    """Return the axes of an array on a grid."""
+    return (*(f"tile_{axis}" for axis in AXES[:dim]), "number") if name == "record" else saved_axes(name, dim)
+
 
 ROOT_FILE: Final = "zarr.json"
 """Name of the file with the metadata of a folder or an array."""
@@ -80,14 +88,9 @@ TILED: Final = (*DIGESTED, "record")
 UNTILED: Final = ("overlap_counts", FIELD_NAME)
 """Arrays that only maps in memory hold."""
 
-MAP_SUFFIXES: Final = (".zarr", "")
-"""Suffixes of stored maps."""
 
 CHUNK_CELLS: Final = 2**24
 """Maximum number of states in a chunk of a map built tile by tile, unless one slice of a tile has more."""
-
-SAVED_CHUNK_CELLS: Final = 2**20
-"""Maximum number of states in a chunk of a saved map, unless one slice has more; small for quick reads of one slice."""
 
 ZSTD_LEVEL: Final = 1
 """Level of zstd; higher levels take more time and save little, or even enlarge slices of rotated robots."""
@@ -113,7 +116,7 @@ _LABELS_COMMENT: Final = (
     "rotation cells; -1 where a cell has none"
 )
 _METADATA_KEYS: Final = (
-    *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
+    *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin_m", "precision"),
     *("rotations", "slices", "robot", "workspace_source"),
     *("tile", "depth", "same", "method", "stamp", "version", "aside", "box", "counts", "records"),
 )
@@ -232,21 +235,6 @@ def is_store(path: StrPath) -> bool:
         return False
 
 
-def _is_map_folder(folder: Path) -> bool:
-    """Return True if a folder holds nothing but a map.
-
-    The map may be damaged, or of an earlier version.
-    """
-    parts = {ROOT_FILE, "c"}
-    known = {*stored(), "labels_0", "labels_1", "geometry", "vertices", "faces", "centers", "radii"}
-    return all(
-        (entry.name == ROOT_FILE and entry.is_file())
-        or (entry.name in known and entry.is_dir() and {part.name for part in entry.iterdir()} <= parts)
-        or entry.name.startswith(_ASIDE_PREFIX)
-        for entry in folder.iterdir()
-    )
-
-
 # ---- tiles -----------------------------------------------------------------------------------------------------------
 
 
@@ -357,7 +345,7 @@ class Store:
     @property
     def margin(self) -> float:
         """Metres by which the robot was grown to prove FREE."""
-        return float(self.metadata["margin"])
+        return float(self.metadata["margin_m"])
 
     @cached_property
     def robot(self) -> Robot:
@@ -770,62 +758,6 @@ class Store:
                     bits.write(number, part)
         return bits or states
 
-    def states_at(self, number: int) -> States:
-        """Read the states of one slice."""
-        states, layer = np.empty(self.grid.shape, dtype=np.uint8), number // self.depth
-        for index in self:
-            chunk = self.states(index, layer, self.known(index))
-            box = self.cells(index)
-            states[box] = chunk[number % self.depth][tuple(slice(0, part.stop - part.start) for part in box)]
-        return states
-
-    def contents(self) -> Contents:
-        """Read the whole map.
-
-        Raises FileError if a tile is not done, a file is missing or damaged, or the files describe no map.
-        """
-        with making_map(self.path):
-            return self._contents()
-
-    def _contents(self) -> Contents:
-        """Read the whole map into memory.
-
-        Raises an error if it is unfinished or damaged.
-        """
-        if not self.is_done:
-            raise unfinished_map_error(self.path, self.share_done)
-        for name in TILED:
-            if name in self.names:
-                self._check_layout(name)
-        records = {index: self.known(index) for index in self}
-        if any(self.metadata[key] != value for key, value in self.totals(records.__getitem__).items()):
-            raise map_error(self.path, "its records differ from their digest")
-        arrays = {name: self.array(name) for name in self.names.difference(TILED, ("shapes",))}
-        box = tuple(slice(0, n) for n in self.grid.shape)
-        packed = is_packed(self.grid.shape, self.slices, "overlap_counts" in arrays)
-        check_bytes(
-            self.path / "cell_states", self.slices * math.prod(self.grid.shape) // (4 if packed else 1), "unpacks to"
-        )
-        outer, inner = self.obstacles_in(box, records.__getitem__)
-        source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
-        leading = (*self.rotations._leading_axes(self.slices), *self.grid.shape)
-        periodic_axes = self.metadata.get("periodic_axes", "").split()
-        return Contents(
-            Workspace(self.grid, outer, inner, source=source, unknown=unknown, shapes=self.shapes),
-            self.robot,
-            self.rotations,
-            self.slice_of,
-            self.states_in(box, records.__getitem__, packed=packed),
-            str(self.metadata["outside"]),
-            float(self.metadata["margin"]),
-            str(self.metadata["precision"]),
-            arrays.get("overlap_counts"),
-            arrays[FIELD_NAME].reshape(leading) if FIELD_NAME in arrays else None,
-            Exterior(arrays["exterior"]) if "exterior" in arrays else None,
-            self.proves_blocked,
-            periodic_axes=tuple(axis in periodic_axes for axis in self.grid.axes) if periodic_axes else (),
-        )
-
     def done(self) -> list[Index]:
         """Return the indices of the tiles that are done."""
         folder = self.path / "record" / "c"
@@ -1020,67 +952,15 @@ def _iterate_files(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> It
         chunks[name] = (1, *fit_tile(array.shape[1:], size)) if is_stack else fit_tile(array.shape, size)
     for name, shape in shapes.items():
         dtype, lost = np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
-        about, axes = attributes_of(name, grid), axes_of(name, grid.dim)
+        about, axes = (
+            (dict(stored()[name].about) if name == "record" else saved_attributes(name, grid)),
+            axes_of(name, grid.dim),
+        )
         yield f"{name}/{ROOT_FILE}", _describe_array(name, shape, chunks[name], dtype, lost, about, axes)
         if name in arrays:
             for index in itertools.product(*(range(-(-n // c)) for n, c in zip(shape, chunks[name], strict=True))):
                 box = tuple(slice(i * c, (i + 1) * c) for i, c in zip(index, chunks[name], strict=True))
                 yield _chunk_file(name, index), _encode(name, arrays[name][box], chunks[name], dtype, lost)
-
-
-# ---- whole maps ------------------------------------------------------------------------------------------------------
-
-
-def save(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
-    """Save a map as a store of one tile.
-
-    :func:`cspace.open` and ``xarray.open_zarr`` can read it. Slices of more than 2^28 cells are split into several
-    tiles.
-
-    Parameters
-    ----------
-    contents : Contents
-    path : path-like
-        A Zarr folder; the name ends in ``.zarr`` or has no suffix.
-    overwrite : bool
-        True to replace an existing map; other folders are never replaced.
-
-    Raises
-    ------
-    InputError
-        If the name has another suffix.
-    FileError
-        If the output exists and may not be replaced, or cannot be written.
-    """
-    check_suffix(path, MAP_SUFFIXES, "a map is saved as a Zarr folder; space.export writes other formats")
-    arrays, workspace = arrays_of(contents), contents.workspace
-    tile = fit_tile(contents.grid.shape)
-    settings = {
-        "tile": list(tile),
-        "depth": max(1, min(len(contents.states), SAVED_CHUNK_CELLS // math.prod(tile))),
-        "same": workspace.inner is workspace.outer,
-        "method": "auto",
-        "stamp": CellsInMemory(workspace.outer, workspace.inner).stamp,
-    }
-    states, cells = arrays["cell_states"], [arrays[name] for name in ("outer", "inner") if name in arrays]
-    untiled = {name: array for name, array in arrays.items() if name not in TILED}
-    with replacing(path, overwrite, folder=_is_map_folder) as temporary:
-        store = Store.create(temporary, metadata_of(contents) | settings, untiled)
-        for index in store:
-            box = store.cells(index)
-            blocks = (_copy_block(states, store.numbers(layer), box) for layer in range(store.layers))
-            store.write_tile(index, blocks, (part[box] for part in cells))
-        store.reseal(**store.totals())
-
-
-def _copy_block(states: Stack, numbers: range, box: Box) -> States:
-    """Return the states of some slices in a box.
-
-    Cells are copied only if several slices are packed.
-    """
-    if len(numbers) == 1:
-        return states[numbers[0]][box][None]
-    return states[numbers.start : numbers.stop][(slice(None), *box)]
 
 
 def fit_tile(sides: Sequence[int], itemsize: int = 1) -> tuple[int, ...]:

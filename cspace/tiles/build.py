@@ -19,7 +19,7 @@ from cspace.limits import check_memory
 from cspace.map.description import AXES, describe_map, shapes_array
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.store import CHUNK_CELLS, Index, Store, fit_tile, is_store
+from cspace.store import CHUNK_CELLS, FORMAT, Index, Store, fit_tile, is_store
 from cspace.tiles.space import TiledCSpace
 from cspace.tiles.work import Job, run_tasks
 from cspace.workspace import Workspace
@@ -64,6 +64,7 @@ def build_tiles(
     outside, margin = settings["outside"], settings["margin"]
     about = {
         **describe_map(grid, robot, rotations, slices, outside, margin, workspace.source),
+        "format": FORMAT,
         "inner": int(settings["inner"]),
         "tile": list(sides),
         "depth": max(1, min(slices, CHUNK_CELLS // math.prod(sides))),

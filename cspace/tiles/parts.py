@@ -51,7 +51,7 @@ def extract_window(store: Store, known: RecordReader, table: Ints, start: Ints, 
             store.slice_of,
             store.states_in(box, known, table),
             outside,
-            float(store.metadata["margin"]),
+            float(store.metadata["margin_m"]),
             str(store.metadata["precision"]),
             proves_blocked=store.proves_blocked,
         )
@@ -132,7 +132,7 @@ def build_overview(job: Job, max_cells: int, client: Client | None) -> CSpace:
     # Obstacles fill no coarse cell for certain, so the inner cells are empty.
     inner = np.zeros_like(outer) if factor > 1 else outer
     workspace = Workspace(coarse, outer, inner, source=f"overview of {store.path.name}")
-    margin = float(store.metadata["margin"])
+    margin = float(store.metadata["margin_m"])
     return CSpace(Contents(workspace, store.robot, store.rotations, store.slice_of, states, UNKNOWN, margin))
 
 

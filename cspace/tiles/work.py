@@ -78,7 +78,7 @@ class Job:
     def pairs(self) -> list[RasterPair]:
         """Rasters of the robot for each slice."""
         store = self.store
-        return slice_rasters(store.robot, store.grid.spacing, store.metadata["margin"], store.rotations)
+        return slice_rasters(store.robot, store.grid.spacing, store.metadata["margin_m"], store.rotations)
 
     @cached_property
     def reach(self) -> Ints:

@@ -357,7 +357,7 @@ FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("pictures, files for others", ("plot", "export"), "#e8e3f3"),
     ("arms", ("arms",), "#d4eaf7"),
     ("maps for users", ("space", "builder", "opening", "update", "tiles"), "#d4eaf7"),
-    ("stored maps", ("store",), "#d4eaf7"),
+    ("saved maps", ("save",), "#d4eaf7"),
     ("frequency domain", ("spectral",), "#d4eaf7"),
     ("proofs and look-ups", ("exact", "map"), "#d4eaf7"),
     ("engines", ("engines",), "#d4eaf7"),
