@@ -172,6 +172,7 @@ def build(
     _check(workspace, robot, cells, method, counts, outside, workers)
     if store is not None:
         from cspace.tiles.build import Settings, build_tiles
+        from cspace.tiles.space import TiledCSpace
 
         if counts:
             hint = "leave it out and build windows of the map with counts"
@@ -186,7 +187,7 @@ def build(
             "workers": workers,
             "progress": progress,
         }
-        return build_tiles(workspace, robot, store, tile, settings)
+        return TiledCSpace(build_tiles(workspace, robot, store, tile, settings))
     if client is not None:
         hint = "pass store='map.zarr'"
         raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)

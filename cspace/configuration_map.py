@@ -32,8 +32,6 @@ from cspace.threads import MIN_ITEMS_PER_THREAD
 
 if TYPE_CHECKING:
     from cspace.exact.proofs import ExactQueries
-    from cspace.map.contents import Contents
-    from cspace.store import Store
 
 
 Result = TypeVar("Result")
@@ -52,6 +50,34 @@ class Backend(Protocol):
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` on a consistent state of the map."""
+
+
+class Kept(Protocol):
+    """Record of a map, whose parts the properties of maps return."""
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of positions."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+
+    @property
+    def rotations(self) -> Rotations:
+        """Rotation cells."""
+
+    @property
+    def slice_of(self) -> Ints:
+        """Slice of each rotation cell."""
+
+    @property
+    def outside(self) -> str:
+        """State of space outside the workspace."""
+
+    @property
+    def margin(self) -> float:
+        """Metres by which the robot was grown to prove FREE."""
 
 
 class Components(Protocol):
@@ -75,8 +101,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     @abstractmethod
-    def _kept(self) -> Contents | Store:
-        """Contents of the map in memory, or its store."""
+    def _kept(self) -> Kept:
+        """Contents of the map in memory, or its folder of tiles."""
 
     @property
     def grid(self) -> Grid:

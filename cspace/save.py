@@ -19,6 +19,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -99,10 +100,11 @@ _MAX_EXTERIOR_CELL: Final = 2**40
 _ROTATION_ROUNDING: Final = 1e-12
 """Maximum difference of coordinates between machines; proofs have far more slack."""
 
-_OTHER_ENTRIES: Final = frozenset(
-    {ROOT_FILE, "tiles", "record", "labels_0", "labels_1"} | {"geometry", "vertices", "faces", "centers", "radii"}
+_OTHER_ENTRIES: Final = re.compile(
+    r"zarr\.json|\.cspace-.*|frame.*|\d+(\.\d+)+(-\w+)?|components\.npz|"
+    r"record|labels_[01]|geometry|vertices|faces|centers|radii"
 )
-"""Files and folders of maps besides the arrays of saved maps, those of earlier versions included."""
+"""Files and folders of maps besides arrays: of tiled maps, and of earlier versions."""
 
 
 # ---- errors --------------------------------------------------------------------------------------
@@ -200,8 +202,8 @@ def read_format(path: StrPath) -> str:
 
 def is_map_folder(folder: Path) -> bool:
     """Return True if a folder holds nothing but a map, maybe damaged or of an earlier version."""
-    known = _OTHER_ENTRIES.union(stored())
-    return all(entry.name in known or entry.name.startswith(".cspace-") for entry in folder.iterdir())
+    names = [entry.name for entry in folder.iterdir()]
+    return all(name in stored() or _OTHER_ENTRIES.fullmatch(name) for name in names)
 
 
 # ---- writing -------------------------------------------------------------------------------------
@@ -331,7 +333,7 @@ def _make_contents(attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[st
     states = arrays["cell_states"]
     if states.max() > BLOCKED:
         raise ValueError(f"it holds the state {states.max()}, but states are 0 to 2")
-    robot = Robot.from_spec(json.loads(attributes["robot"]))
+    robot = _read_robot(attributes["robot"])
     rotations, slice_of = _check_rotations(attributes, grid, robot, arrays)
     shapes = shapes_from(arrays["shapes"]) if "shapes" in arrays else None
     if robot.dim != grid.dim or any(shape.dim != grid.dim for shape in shapes or ()):
@@ -352,10 +354,16 @@ def _make_contents(attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[st
         attributes["precision"],
         arrays.get("overlap_counts"),
         _make_field(arrays, rotations),
-        _make_exterior(arrays, outside),
+        check_exterior(arrays["exterior"], outside) if "exterior" in arrays else None,
         None if proves_blocked is None else bool(proves_blocked),
         periodic_axes=tuple(axis in periodic for axis in grid.axes) if periodic else (),
     )
+
+
+@lru_cache(maxsize=4)
+def _read_robot(text: str) -> Robot:
+    """Make a robot of its JSON text, once for all tiles of a map."""
+    return Robot.from_spec(json.loads(text))
 
 
 def _make_workspace(
@@ -398,17 +406,14 @@ def _make_field(arrays: Mapping[str, NDArray[Any]], rotations: Rotations) -> NDA
     return arrays[FIELD_NAME].reshape(*rotations._leading_axes(slices), *cells)
 
 
-def _make_exterior(arrays: Mapping[str, NDArray[Any]], outside: str) -> Exterior | None:
-    """Return the states outside the grid, if they are saved.
+def check_exterior(table: Ints, outside: str) -> Exterior:
+    """Return the states outside a grid, given by the table of an Exterior.
 
     Raises ValueError if they contradict the state of the space outside.
     """
-    if "exterior" not in arrays:
-        return None
-    table = arrays["exterior"]
-    if not np.isin(table[:, -1], _EXTERIOR_STATES[outside]).all():
+    boxes, states = table[:, :-1], table[:, -1]
+    if not np.isin(states, _EXTERIOR_STATES[outside]).all():
         raise ValueError(f"its exterior has other states than space that is {outside} outside")
-    boxes = table[:, :-1]
     if boxes.min() < -_MAX_EXTERIOR_CELL or boxes.max() > _MAX_EXTERIOR_CELL:
         raise ValueError("its exterior reaches beyond all grids")
     return Exterior(table)

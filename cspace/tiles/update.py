@@ -1,109 +1,102 @@
-"""Atomic updates of a stored map."""
+"""Updates of tiled maps: the tiles that a change reaches are built again."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cspace.arrays import Bools, Box, Ints, intersect_boxes
-from cspace.errors import InputError
-from cspace.store import Index, Store, aside_name
-from cspace.tiles.work import Job, run_tasks
+from cspace.tiles.build import BuildJob, bytes_to_build, make_tile
+from cspace.tiles.folder import Index, TileFolder, fresh_name, grow, tile_name
+from cspace.tiles.parts import OpenTiles
+from cspace.tiles.work import run_tasks
 from cspace.update import Patch, Update
 
 if TYPE_CHECKING:
     from distributed import Client
 
 
-class PatchedSource:
-    """Workspace cells of a store, with a patch."""
+@dataclass(frozen=True)
+class PatchedCells:
+    """Workspace cells of a tiled map with a patch, as a source."""
 
-    def __init__(self, store: Store, patch: Patch) -> None:
-        self._store, self._patch, self.same = store, patch, bool(store.metadata["same"])
+    folder: TileFolder
+    patch: Patch
+    same = False
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the outer and inner cells of a box."""
-        outer, inner = self._store.obstacles_in(box)
-        in_box, in_patch = intersect_boxes(box, self._patch.window)
-        if all(part.start < part.stop for part in in_box):
-            outer[in_box] = self._patch.outer[in_patch]
-            if inner is not outer:
-                inner[in_box] = self._patch.inner[in_patch]
+        """Return the outer and inner cells of a box in the grid."""
+        corners = np.array([[part.start, part.stop] for part in box]).T
+        outer, inner = read_obstacles(self.folder, corners)
+        here, there = intersect_boxes(box, self.patch.window)
+        if all(part.start < part.stop for part in here):
+            outer[here], inner[here] = self.patch.outer[there], self.patch.inner[there]
         return outer, inner
 
     @property
     def stamp(self) -> str:
-        """Stamp of the store's workspace."""
-        return str(self._store.metadata["stamp"])
+        """Stamp of the workspace that the map was built on."""
+        return str(self.folder.attributes["source_stamp"])
 
 
-def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints) -> Update:
-    """Apply a patch to a store atomically.
+def read_obstacles(folder: TileFolder, corners: Ints) -> tuple[Bools, Bools]:
+    """Read the outer and inner workspace cells of a box in the grid."""
+    workspace = OpenTiles(folder, 0).window(corners).workspace
+    return workspace.outer.copy(), workspace.inner.copy()
 
-    Readers see the map before or after it. Raises InputError if the patch has inner cells and the store keeps only
-    outer ones, and FileError if the store cannot be read or written. An update that fails leaves the map unchanged.
+
+def update_tiles(path: Path, patch: Patch, client: Client | None) -> Update:
+    """Write a patch of the workspace into a map, and replace all tiles that it reaches together.
+
+    Raises FileError if the map cannot be read or written. An update that fails changes nothing.
     """
-    if patch.inner is not patch.outer and store.metadata["same"]:
-        rule = "its outer and inner cells are the same"
-        raise InputError("inner", f"is given for {store.path}", rule, "omit it, or build a new map", value=patch.inner)
-    with _lock_store(store):
-        store = Store.open(store.path).settled()
-        old = store.obstacles_in(patch.window)
-        differ = (old[0] != patch.outer) | (old[1] != patch.inner)
+    with _lock_folder(path):
+        folder = TileFolder.open(path)
+        first = np.array(patch.lower)
+        outer, inner = read_obstacles(folder, np.stack([first, first + patch.outer.shape]))
+        differ = (outer != patch.outer) | (inner != patch.inner)
         if not differ.any():
             return Update(0, patch.lower, patch.lower, 0)
-        changed_cells = np.argwhere(differ)
-        start, stop = changed_cells.min(axis=0) + patch.lower, changed_cells.max(axis=0) + patch.lower + 1
-        lower, upper = np.maximum(start - reach[1], 0), np.minimum(stop - reach[0], store.grid.shape)
-        # Tiles hold workspace cells too, so those with changed cells are rebuilt even if no state there can change.
-        box = zip(np.minimum(lower, start).tolist(), np.maximum(upper, stop).tolist(), strict=True)
-        tiles = list(store.tiles_in([slice(low, high) for low, high in box]))
-        aside = aside_name()
-        changed = run_tasks(
-            partial(_rebuild_tile, aside=aside), Job(store, PatchedSource(store, patch)), tiles, client, None
-        )
-        updated = replace(store, metadata={**store.metadata, "aside": aside})
-        store.commit(aside, **updated.totals())
-    weights = np.bincount(store.slice_of, minlength=store.slices)
-    changed_count = int(np.sum(changed, axis=0) @ weights)
-    return Update(int(np.count_nonzero(differ)), tuple(lower.tolist()), tuple(upper.tolist()), changed_count)
+        cells = np.argwhere(differ) + first
+        changed = np.stack([cells.min(axis=0), cells.max(axis=0) + 1])
+        reached = folder.clip(grow(changed, folder.reach))
+        touched = list(folder.tiles_in(grow(reached, folder.halo)))
+        names = {tile_name(index): fresh_name(tile_name(index)) for index in touched}
+        job, needed = BuildJob(folder, PatchedCells(folder, patch)), bytes_to_build(folder)
+        numbers = run_tasks(partial(_rebuild_tile, names), job, touched, needed, client)
+        names = {**folder.attributes["names"], **names}
+        folder.commit(names=names, updates=folder.attributes["updates"] + 1)
+    lower, upper = map(tuple, reached.tolist())
+    return Update(int(np.count_nonzero(differ)), lower, upper, sum(numbers))
 
 
-def _rebuild_tile(job: Job, index: Index, aside: str) -> Ints:
-    """Write a new version of a tile.
-
-    It lies beside the old one. Return the number of changed states per slice.
-    """
-    store = job.store
-    updated = replace(store, metadata={**store.metadata, "aside": aside})
-    old, new = store.known(index), job.build_tile(index, aside=aside)
-    changed = np.zeros(store.slices, dtype=np.int64)
-    for layer in range(store.layers):
-        numbers = store.numbers(layer)
-        if old.digests[layer] != new.digests[layer]:
-            parts = (each.states(index, layer, record) for each, record in ((store, old), (updated, new)))
-            before, after = (part[: len(numbers)].reshape(len(numbers), -1) for part in parts)
-            changed[numbers.start : numbers.stop] = np.count_nonzero(before != after, axis=1)
-    return changed
+def _rebuild_tile(names: dict[str, str], job: BuildJob, index: Index) -> int:
+    """Write a new tile beside the old one, as a task; return the number of changed states."""
+    folder, own = job.folder, (slice(None), *job.folder.own(index))
+    tile, old = make_tile(job, index), folder.read_tile(index)
+    folder.write_tile(index, tile, names[tile_name(index)])
+    differ = (tile.states[own] != old.states[own]).reshape(folder.slices, -1)
+    return int(np.bincount(folder.slice_of) @ np.count_nonzero(differ, axis=1))
 
 
 @contextmanager
-def _lock_store(store: Store) -> Iterator[None]:
-    """Lock a store against updates by other processes."""
+def _lock_folder(path: Path) -> Iterator[None]:
+    """Let the updates of other processes wait, except on Windows, which has no such locks."""
     try:
         import fcntl
-    except ImportError:  # Windows has no such locks
+    except ImportError:
         yield
         return
-    folder = os.open(store.path, os.O_RDONLY)
+    handle = os.open(path, os.O_RDONLY)
     try:
-        fcntl.flock(folder, fcntl.LOCK_EX)
+        fcntl.flock(handle, fcntl.LOCK_EX)
         yield
     finally:
-        os.close(folder)
+        os.close(handle)

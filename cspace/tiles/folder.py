@@ -1,0 +1,384 @@
+"""Folders of tiled maps: a saved map for each tile, and what all tiles share.
+
+A tiled map is a Zarr group. ``zarr.json`` has the shape of the whole grid, the size of a tile, and
+the state of the build. ``frame`` is a saved map of one cell; it has the robot, the rotation cells,
+and the obstacles as shapes. Each tile is a saved map with its own cells, its *interior*, and a
+*halo* of the cells around them, clipped to the grid. It is named by its index, such as ``0.3``, and
+written under another name first, so a tile with its name is complete.
+
+A *stamp* is a digest of everything that the map depends on. Only a build with the same stamp
+resumes, and only tiles with the stamp of the folder are read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import re
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from cspace import __version__
+from cspace.arrays import MIXED, Box, Ints, StrPath
+from cspace.engines.slices import slice_rasters
+from cspace.errors import FileError
+from cspace.files.access import replacing
+from cspace.files.zarr_folders import ROOT_FILE
+from cspace.grid import Grid
+from cspace.map.contents import Contents
+from cspace.map.description import FORMAT, VERSION
+from cspace.map.exterior import Exterior
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.save import (
+    TILES_FORMAT,
+    check_digest,
+    check_exterior,
+    is_map_folder,
+    making_map,
+    map_error,
+    read_map,
+    read_map_and_attributes,
+    read_root,
+    write_folder,
+    write_map,
+)
+from cspace.workspace import Workspace
+
+MAX_HALO_CELLS: Final = 64
+"""Maximum width of the halo of a tile, in cells."""
+
+MIN_HALO_CELLS: Final = 2
+"""Minimum width of the halo of a tile, in cells; proofs of motions need it."""
+
+TILE_SIDES_PER_HALO: Final = 16
+"""Shortest side of a tile, in widths of its halo; halos then add little to a map."""
+
+Index = tuple[int, ...]
+"""Index of a tile along each axis."""
+
+# Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the last.
+
+ONE_MORE: Final = np.array([[0], [1]])
+"""Makes corners of a first and a last cell."""
+
+
+@dataclass(frozen=True)
+class TileFolder:
+    """The folder of a tiled map at one moment.
+
+    Attributes
+    ----------
+    path : Path
+    attributes : mapping
+        ``shape`` of the grid and ``tile``, in cells; ``stamp``, and ``source_stamp`` of the
+        workspace; ``inner`` and ``method`` of the build; ``updates``, their number; ``names``, the
+        folders of tiles that were replaced. Once all tiles are complete also ``counts``, the numbers
+        of FREE, MIXED and BLOCKED cells, and ``exterior``, the table of the states outside.
+    frame : Contents
+        Map of the first cell, with the states outside the grid.
+    moment : tuple
+        Changes with every change of the map.
+    """
+
+    path: Path
+    attributes: Mapping[str, Any]
+    frame: Contents
+    moment: tuple[int, int]
+
+    # ---- what it holds ---------------------------------------------------------------------------
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Grid of the whole map."""
+        cell = self.frame.grid
+        return Grid(cell.lower, cell.spacing, self.attributes["shape"], cell.axes, cell.units)
+
+    @property
+    def robot(self) -> Robot:
+        """Robot of the map."""
+        return self.frame.robot
+
+    @property
+    def rotations(self) -> Rotations:
+        """Rotation cells of the map."""
+        return self.frame.rotations
+
+    @property
+    def slice_of(self) -> Ints:
+        """Slice of each rotation cell."""
+        return self.frame.slice_of
+
+    @property
+    def outside(self) -> str:
+        """State of space outside the workspace."""
+        return self.frame.outside
+
+    @property
+    def margin(self) -> float:
+        """Metres by which the robot was grown to prove FREE."""
+        return self.frame.margin
+
+    @property
+    def slices(self) -> int:
+        """Number of slices."""
+        return len(self.frame.states)
+
+    @property
+    def tile(self) -> tuple[int, ...]:
+        """Number of cells of a tile's interior along each axis."""
+        return tuple(self.attributes["tile"])
+
+    @property
+    def halo(self) -> int:
+        """Width of the halo of a tile, in cells."""
+        return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, min(self.tile) // TILE_SIDES_PER_HALO))
+
+    @cached_property
+    def reach(self) -> int:
+        """Number of cells along an axis from which the robot may touch a cell, rounded up."""
+        corner = np.abs(self.robot.shape.outer.bounds).max(axis=0)
+        radius = np.linalg.norm(corner) if self.rotations.names else corner.max()
+        angle = min(float(self.rotations.covering_angles.max()), math.pi)
+        # The outer raster is that of a robot whose points move within a rotation cell.
+        far = float(radius) * (1.0 + 2.0 * math.sin(angle / 2.0)) + self.margin
+        return math.ceil(far / self.grid.spacing) + 2
+
+    # ---- tiles -----------------------------------------------------------------------------------
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Number of tiles along each axis."""
+        return tuple(-(-n // t) for n, t in zip(self.grid.shape, self.tile, strict=True))
+
+    def __iter__(self) -> Iterator[Index]:
+        """Iterate over the indices of all tiles."""
+        return itertools.product(*map(range, self.counts))
+
+    def __len__(self) -> int:
+        """Return the number of tiles."""
+        return math.prod(self.counts)
+
+    def interior(self, index: Index) -> Ints:
+        """Return the corners of a tile without its halo."""
+        first = np.multiply(index, self.tile)
+        return self.clip(np.stack([first, first + self.tile]))
+
+    def cells(self, index: Index) -> Ints:
+        """Return the corners of a tile with its halo."""
+        return self.clip(grow(self.interior(index), self.halo))
+
+    def own(self, index: Index) -> Box:
+        """Return the interior of a tile, in the indices of the tile's arrays."""
+        return as_box(self.interior(index) - self.cells(index)[0])
+
+    def clip(self, corners: Ints) -> Ints:
+        """Return the part of a box in the grid."""
+        return np.clip(corners, 0, self.grid.shape)
+
+    def tiles_in(self, corners: Ints) -> Iterator[Index]:
+        """Iterate over the tiles whose interiors meet a box."""
+        first, stop = self.clip(corners)
+        return itertools.product(*map(range, first // self.tile, -(-stop // self.tile)))
+
+    def sub_grid(self, corners: Ints) -> Grid:
+        """Return the grid of a box of cells, inside the whole grid or not."""
+        whole = self.grid
+        lower = np.array(whole.lower) + whole.spacing * corners[0]
+        return Grid(lower, whole.spacing, corners[1] - corners[0], whole.axes, whole.units)
+
+    def tile_path(self, index: Index) -> Path:
+        """Return the folder of a tile, which exists if the tile is complete."""
+        names: Mapping[str, str] = self.attributes["names"]
+        return self.path / names.get(tile_name(index), tile_name(index))
+
+    @property
+    def is_done(self) -> bool:
+        """True if all tiles are complete and summed up."""
+        return "counts" in self.attributes
+
+    @property
+    def progress(self) -> float:
+        """Fraction of complete tiles, below 1 until all are done."""
+        if self.is_done:
+            return 1.0
+        done = sum(self.tile_path(index).exists() for index in self)
+        return min(done / len(self), 1.0 - 2.0**-20)
+
+    def read_tile(self, index: Index) -> Contents:
+        """Read a tile as a map whose outside is unknown.
+
+        Raises FileError if it is missing, damaged, or of another map.
+        """
+        path, grid = self.tile_path(index), self.sub_grid(self.cells(index))
+        contents, about = read_map_and_attributes(path)
+        found = about.get("tile"), about.get("stamp"), contents.grid, contents.rotations
+        if found != (list(index), self.attributes["stamp"], grid, self.rotations):
+            raise map_error(path, "it is a tile of another map or another place")
+        with making_map(path):
+            return replace(contents, robot=self.robot, slice_of=self.slice_of)
+
+    def write_tile(self, index: Index, contents: Contents, name: str = "") -> None:
+        """Write a tile; its name, or another one if given, appears when it is complete."""
+        own, first = self.own(index), self.interior(index)[0].tolist()
+        used = np.nonzero(contents.workspace.outer[own])
+        counts = np.array([np.bincount(each[own].ravel(), minlength=3) for each in contents.states])
+        summary = {
+            "tile": list(index),
+            "stamp": self.attributes["stamp"],
+            "counts": (np.bincount(self.slice_of) @ counts).tolist(),
+            "obstacles": [
+                [int(low + each.min(initial=2**40)), int(low + each.max(initial=-(2**40)))]
+                for low, each in zip(first, used, strict=True)
+            ],
+        }
+        path = self.path / (name or tile_name(index))
+        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
+            write_map(contents, temporary, **summary)
+
+    # ---- the folder ------------------------------------------------------------------------------
+
+    @classmethod
+    def create(cls, path: Path, attributes: Mapping[str, Any], frame: Contents) -> TileFolder:
+        """Write a folder without tiles.
+
+        Raises FileError if writing fails, or something else is there.
+        """
+        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
+            write_map(frame, temporary / "frame")
+            write_folder(temporary, add_format(attributes))
+        return cls.open(path)
+
+    @classmethod
+    def open(cls, path: StrPath) -> TileFolder:
+        """Open the folder of a tiled map, complete or not; tiles are read later.
+
+        Raises FileError if it is missing or was changed, of another version, or describes no map.
+        """
+        root = Path(path).absolute()  # workers have other working folders
+        moment = find_moment(root)
+        attributes, digest = read_root(root, TILES_FORMAT)
+        check_digest(root, attributes, digest)
+        frame = read_map(root / "frame")
+        with making_map(root):
+            check_attributes(attributes, frame)
+            if "exterior" in attributes:
+                table = np.array(attributes["exterior"], dtype=np.int64)
+                table = table.reshape(len(frame.states), 2 * frame.grid.dim + 1)
+                frame = replace(frame, exterior=check_exterior(table, frame.outside))
+            if attributes["updates"]:  # the shapes of the obstacles are those before
+                frame = replace(frame, workspace=replace(frame.workspace, shapes=None))
+            folder = cls(root, attributes, frame, moment)
+            _ = folder.grid  # raises if there is no such grid
+            return folder
+
+    def commit(self, **changes: Any) -> TileFolder:
+        """Sum up the tiles and replace the attributes, at one moment; return the new folder.
+
+        The folders of tiles that are no longer used are removed.
+        """
+        new = replace(self, attributes={**self.attributes, **changes})
+        roots = [read_root(new.tile_path(index), FORMAT)[0] for index in new]
+        box = np.array([root["obstacles"] for root in roots])
+        obstacles = np.stack([box[..., 0].min(axis=0), box[..., 1].max(axis=0)])
+        rasters = slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
+        exterior = Exterior.around(self.grid.shape, obstacles, rasters, self.outside)
+        counts = np.sum([root["counts"] for root in roots], axis=0)
+        summary = {"counts": counts.tolist(), "exterior": exterior.table.tolist()}
+        temporary = self.path / fresh_name(".cspace")
+        write_folder(temporary, add_format({**new.attributes, **summary}))
+        (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
+        used = {"frame", *(new.tile_path(index).name for index in new)}
+        for entry in self.path.iterdir():
+            if entry.is_dir() and entry.name not in used:
+                shutil.rmtree(entry, ignore_errors=True)
+        return TileFolder.open(self.path)
+
+
+def grow(corners: Ints, cells: int) -> Ints:
+    """Return a box with more cells on every side."""
+    return corners + np.array([[-cells], [cells]])
+
+
+def as_box(corners: Ints) -> Box:
+    """Return corners, shape (2, d), as slices: the first cell, and the cell after the last one."""
+    return tuple(map(slice, *corners.tolist()))
+
+
+def tile_name(index: Index) -> str:
+    """Return the name of a tile."""
+    return ".".join(map(str, index))
+
+
+def fresh_name(name: str) -> str:
+    """Return a new name for the folder of a part that is replaced."""
+    return f"{name}-{uuid.uuid4().hex[:12]}"
+
+
+def find_moment(path: Path) -> tuple[int, int]:
+    """Return numbers that change when the attributes of a folder are replaced."""
+    try:
+        status = (path / ROOT_FILE).stat()
+    except OSError:
+        return 0, 0
+    return status.st_ino, status.st_mtime_ns
+
+
+def make_frame(workspace: Workspace, robot: Robot, rotations: Rotations, outside: str, margin: float) -> Contents:
+    """Return a map of the first cell of a workspace, with what all tiles share."""
+    whole, slice_of = workspace.grid, rotations._slices_for(robot.shape)
+    ones = (1,) * whole.dim
+    occupied = np.ones(ones, dtype=np.bool_)
+    grid = Grid(whole.lower, whole.spacing, ones, whole.axes, whole.units)
+    cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
+    states = np.full((int(slice_of.max()) + 1, *ones), MIXED, dtype=np.uint8)
+    return Contents(cell, robot, rotations, slice_of, states, outside, margin)
+
+
+def make_stamp(frame: Contents, *others: Any) -> str:
+    """Return a digest of a frame and of other values, on which a tiled map depends."""
+    grid, shapes = frame.grid, frame.workspace.shapes
+    specs = None if shapes is None else [each.spec for each in shapes]
+    turns = {name: array.tolist() for name, array in frame.rotations._coordinates.items()}
+    about = grid.lower, grid.spacing, grid.axes, frame.outside, frame.margin, turns, specs, others
+    text = json.dumps([VERSION, frame.robot._definition, *about], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def add_format(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes with the format of a tiled map, and without digest."""
+    about = {"format": TILES_FORMAT, "format_version": VERSION, "library_version": __version__}
+    return {**about, **{key: attributes[key] for key in attributes if key not in (*about, "digest")}}
+
+
+def check_attributes(attributes: Mapping[str, Any], frame: Contents) -> None:
+    """Raise ValueError, or any other error, if attributes make no tiled map."""
+    shape, tile, counts = (attributes.get(name, [0, 0, 1]) for name in ("shape", "tile", "counts"))
+    texts = [attributes[name] for name in ("stamp", "source_stamp", "method")]
+    texts += attributes["names"].values()
+    numbers = [*shape, *tile, *counts, attributes["updates"], attributes["inner"]]
+    if not all(isinstance(n, int) and n >= 0 for n in numbers) or min(*shape, *tile) < 1:
+        raise ValueError(f"its sizes are {shape}, {tile} and {counts}")
+    if not all(re.fullmatch(r"\w[\w.-]*", text) for text in texts):
+        raise ValueError("it names parts outside its folder")
+    if len(shape) != frame.grid.dim or len(tile) != frame.grid.dim or len(counts) != 3:
+        raise ValueError("its sizes differ in length")
+    if "counts" in attributes and sum(counts) != math.prod(shape) * len(frame.slice_of):
+        raise ValueError("its counts differ from its number of cells")
+    if ("counts" in attributes) != ("exterior" in attributes):
+        raise ValueError("it is neither complete nor incomplete")
+
+
+def unfinished_map_error(folder: TileFolder) -> FileError:
+    """Return the error for a map with unfinished tiles."""
+    rule, hint = "a map must be complete to be read", "run the same build again to finish it"
+    return FileError(str(folder.path), f"is {folder.progress:.1%} done", rule, hint)
