@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
@@ -14,15 +14,16 @@ from cspace.arrays import StrPath
 from cspace.builder import build
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
+from cspace.files.access import replacing
 from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.obstacles import Source, changed_source
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.save import TILES_FORMAT, read_format
+from cspace.save import TILES_FORMAT, is_map_folder, read_format, write_map
 from cspace.threads import cores
-from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp
+from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_attributes
 from cspace.tiles.work import run_tasks
 from cspace.workspace import Workspace
 
@@ -55,12 +56,15 @@ class BuildJob:
     folder : TileFolder
     source : Source
         Cells of the workspace.
+    method : str
+        Engine.
     threads : int
         Threads for each tile.
     """
 
     folder: TileFolder
     source: Source
+    method: str = "auto"
     threads: int = 1
 
 
@@ -91,12 +95,14 @@ def build_tiles(
         "stamp": make_stamp(frame, grid.shape, sides, settings["inner"], stamp),
         "source_stamp": stamp,
         "inner": settings["inner"],
-        "method": settings["method"],
         "updates": 0,
-        "names": {},
     }
     folder = _open_or_create(Path(store), attributes, frame)
-    return folder if folder.is_done else _build_missing(folder, workspace.cells, settings)
+    if folder.is_done:
+        return folder
+    method, workers, client = settings["method"], settings["workers"], settings["client"]
+    job = BuildJob(folder, workspace.cells, method)
+    return build_missing(job, client, workers, settings["progress"])
 
 
 def _open_or_create(path: Path, attributes: dict[str, Any], frame: Contents) -> TileFolder:
@@ -111,25 +117,33 @@ def _open_or_create(path: Path, attributes: dict[str, Any], frame: Contents) -> 
     elif path.exists() and (not path.is_dir() or any(path.iterdir())):
         problem, rule = "exists, but is no tiled map", "store must be new, empty or a tiled map"
     else:
-        return TileFolder.create(path, attributes, frame)
+        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
+            write_map(frame, temporary / "frame")
+            write_attributes(temporary, attributes)
+        return TileFolder.open(path)
     raise FileError(str(path), problem, rule, "choose another name, or remove it")
 
 
-def _build_missing(folder: TileFolder, source: Source, settings: Settings) -> TileFolder:
+def build_missing(
+    job: BuildJob,
+    client: Client | None,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> TileFolder:
     """Build missing tiles, then sum up all tiles; return the complete folder."""
-    report, client = settings["progress"], settings["client"]
+    folder = job.folder
     missing = [index for index in folder if not folder.tile_path(index).exists()]
 
     def advance(count: int) -> None:
-        if report is not None:
-            report(len(folder) - len(missing) + count, len(folder))
+        if progress is not None:
+            progress(len(folder) - len(missing) + count, len(folder))
 
-    workers = settings["workers"] or cores()
+    workers = workers or cores()
     threads = 1 if client else max(1, workers // max(1, len(missing)))
-    job, needed = BuildJob(folder, source, threads), bytes_to_build(folder)
-    run_tasks(build_tile, job, missing, needed, client, workers, advance)
+    job = replace(job, threads=threads)
+    run_tasks(build_tile, job, missing, bytes_to_build(folder), client, workers, advance)
     advance(len(missing))
-    return folder.commit()
+    return folder.complete()
 
 
 def bytes_to_build(folder: TileFolder) -> float:
@@ -143,30 +157,25 @@ def bytes_to_build(folder: TileFolder) -> float:
 
 
 def build_tile(job: BuildJob, index: Index) -> None:
-    """Build and write a tile, as a task."""
-    job.folder.write_tile(index, make_tile(job, index))
-
-
-def make_tile(job: BuildJob, index: Index) -> Contents:
-    """Return a new tile as a map whose outside is unknown.
+    """Build and write a tile, as a task.
 
     The states of a cell depend on the obstacles that the robot reaches from it. So the tile is a part
     of the map of a window, with as much around the tile as the robot reaches. Raises FileError if the
     workspace has changed since the build began.
     """
-    folder, about = job.folder, job.folder.attributes
+    folder = job.folder
     box = folder.cells(index)
     window = folder.clip(grow(box, folder.reach))
     outer, inner = job.source.read(as_box(window))
     source = folder.frame.workspace.source
-    if job.source.stamp != about["source_stamp"]:
+    if job.source.stamp != folder.attributes["source_stamp"]:
         raise changed_source(source, "its size, time or digest differs")
     space = build(
         Workspace(folder.sub_grid(window), outer, inner),
         folder.robot,
         rotations=folder.rotations,
-        inner=about["inner"],
-        method=about["method"],
+        inner=folder.attributes["inner"],
+        method=job.method,
         outside=folder.outside,
         margin=folder.margin,
         workers=job.threads,
@@ -175,7 +184,7 @@ def make_tile(job: BuildJob, index: Index) -> Contents:
     states = np.stack([space.states_at(rotation)[own] for rotation in space.slice_rotations])
     workspace = Workspace(folder.sub_grid(box), outer[own], inner[own], source=source)
     shared = folder.robot, folder.rotations, folder.slice_of
-    return Contents(workspace, *shared, states, UNKNOWN, folder.margin)
+    folder.write_tile(index, Contents(workspace, *shared, states, UNKNOWN, folder.margin))
 
 
 def resolve_tile(tile: int | Sequence[int], shape: Sequence[int], slices: int = 1) -> tuple[int, ...]:

@@ -16,7 +16,6 @@ import hashlib
 import itertools
 import json
 import math
-import re
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping
@@ -81,9 +80,9 @@ class TileFolder:
     path : Path
     attributes : mapping
         ``shape`` of the grid and ``tile``, in cells; ``stamp``, and ``source_stamp`` of the
-        workspace; ``inner`` and ``method`` of the build; ``updates``, their number; ``names``, the
-        folders of tiles that were replaced. Once all tiles are complete also ``counts``, the numbers
-        of FREE, MIXED and BLOCKED cells, and ``exterior``, the table of the states outside.
+        workspace; ``inner``, true if BLOCKED is proven; ``updates``, their number. Once all tiles are
+        complete also ``counts``, the numbers of FREE, MIXED and BLOCKED cells, and ``exterior``, the
+        table of the states outside.
     frame : Contents
         Map of the first cell, with the states outside the grid.
     moment : tuple
@@ -198,8 +197,7 @@ class TileFolder:
 
     def tile_path(self, index: Index) -> Path:
         """Return the folder of a tile, which exists if the tile is complete."""
-        names: Mapping[str, str] = self.attributes["names"]
-        return self.path / names.get(tile_name(index), tile_name(index))
+        return self.path / ".".join(map(str, index))
 
     @property
     def is_done(self) -> bool:
@@ -227,8 +225,8 @@ class TileFolder:
         with making_map(path):
             return replace(contents, robot=self.robot, slice_of=self.slice_of)
 
-    def write_tile(self, index: Index, contents: Contents, name: str = "") -> None:
-        """Write a tile; its name, or another one if given, appears when it is complete."""
+    def write_tile(self, index: Index, contents: Contents) -> None:
+        """Write a tile; its name appears when it is complete."""
         own, first = self.own(index), self.interior(index)[0].tolist()
         used = np.nonzero(contents.workspace.outer[own])
         counts = np.array([np.bincount(each[own].ravel(), minlength=3) for each in contents.states])
@@ -241,22 +239,10 @@ class TileFolder:
                 for low, each in zip(first, used, strict=True)
             ],
         }
-        path = self.path / (name or tile_name(index))
-        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
+        with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
             write_map(contents, temporary, **summary)
 
     # ---- the folder ------------------------------------------------------------------------------
-
-    @classmethod
-    def create(cls, path: Path, attributes: Mapping[str, Any], frame: Contents) -> TileFolder:
-        """Write a folder without tiles.
-
-        Raises FileError if writing fails, or something else is there.
-        """
-        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
-            write_map(frame, temporary / "frame")
-            write_folder(temporary, add_format(attributes))
-        return cls.open(path)
 
     @classmethod
     def open(cls, path: StrPath) -> TileFolder:
@@ -281,26 +267,20 @@ class TileFolder:
             _ = folder.grid  # raises if there is no such grid
             return folder
 
-    def commit(self, **changes: Any) -> TileFolder:
-        """Sum up the tiles and replace the attributes, at one moment; return the new folder.
-
-        The folders of tiles that are no longer used are removed.
-        """
-        new = replace(self, attributes={**self.attributes, **changes})
-        roots = [read_root(new.tile_path(index), FORMAT)[0] for index in new]
+    def complete(self) -> TileFolder:
+        """Sum up the tiles and write the sums; return the complete folder."""
+        roots = [read_root(self.tile_path(index), FORMAT)[0] for index in self]
         box = np.array([root["obstacles"] for root in roots])
         obstacles = np.stack([box[..., 0].min(axis=0), box[..., 1].max(axis=0)])
         rasters = slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
         exterior = Exterior.around(self.grid.shape, obstacles, rasters, self.outside)
         counts = np.sum([root["counts"] for root in roots], axis=0)
-        summary = {"counts": counts.tolist(), "exterior": exterior.table.tolist()}
-        temporary = self.path / fresh_name(".cspace")
-        write_folder(temporary, add_format({**new.attributes, **summary}))
+        sums = {"counts": counts.tolist(), "exterior": exterior.table.tolist()}
+        temporary = self.path / f".cspace-{uuid.uuid4().hex[:12]}"
+        write_attributes(temporary, {**self.attributes, **sums})
         (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
-        used = {"frame", *(new.tile_path(index).name for index in new)}
-        for entry in self.path.iterdir():
-            if entry.is_dir() and entry.name not in used:
-                shutil.rmtree(entry, ignore_errors=True)
+        for unused in self.path.glob(".cspace-*"):
+            shutil.rmtree(unused, ignore_errors=True)
         return TileFolder.open(self.path)
 
 
@@ -312,16 +292,6 @@ def grow(corners: Ints, cells: int) -> Ints:
 def as_box(corners: Ints) -> Box:
     """Return corners, shape (2, d), as slices: the first cell, and the cell after the last one."""
     return tuple(map(slice, *corners.tolist()))
-
-
-def tile_name(index: Index) -> str:
-    """Return the name of a tile."""
-    return ".".join(map(str, index))
-
-
-def fresh_name(name: str) -> str:
-    """Return a new name for the folder of a part that is replaced."""
-    return f"{name}-{uuid.uuid4().hex[:12]}"
 
 
 def find_moment(path: Path) -> tuple[int, int]:
@@ -354,27 +324,25 @@ def make_stamp(frame: Contents, *others: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def add_format(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes with the format of a tiled map, and without digest."""
+def write_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
+    """Write the attributes of a tiled map into a folder."""
     about = {"format": TILES_FORMAT, "format_version": VERSION, "library_version": __version__}
-    return {**about, **{key: attributes[key] for key in attributes if key not in (*about, "digest")}}
+    known = {key: attributes[key] for key in attributes if key not in (*about, "digest")}
+    write_folder(path, {**about, **known})
 
 
 def check_attributes(attributes: Mapping[str, Any], frame: Contents) -> None:
     """Raise ValueError, or any other error, if attributes make no tiled map."""
     shape, tile, counts = (attributes.get(name, [0, 0, 1]) for name in ("shape", "tile", "counts"))
-    texts = [attributes[name] for name in ("stamp", "source_stamp", "method")]
-    texts += attributes["names"].values()
     numbers = [*shape, *tile, *counts, attributes["updates"], attributes["inner"]]
     if not all(isinstance(n, int) and n >= 0 for n in numbers) or min(*shape, *tile) < 1:
         raise ValueError(f"its sizes are {shape}, {tile} and {counts}")
-    if not all(re.fullmatch(r"\w[\w.-]*", text) for text in texts):
-        raise ValueError("it names parts outside its folder")
-    if len(shape) != frame.grid.dim or len(tile) != frame.grid.dim or len(counts) != 3:
+    if (len(shape), len(tile), len(counts)) != (frame.grid.dim, frame.grid.dim, 3):
         raise ValueError("its sizes differ in length")
-    if "counts" in attributes and sum(counts) != math.prod(shape) * len(frame.slice_of):
+    is_done = "counts" in attributes
+    if is_done and sum(counts) != math.prod(shape) * len(frame.slice_of):
         raise ValueError("its counts differ from its number of cells")
-    if ("counts" in attributes) != ("exterior" in attributes):
+    if is_done != ("exterior" in attributes) or not isinstance(attributes["stamp"], str):
         raise ValueError("it is neither complete nor incomplete")
 
 

@@ -7,20 +7,23 @@ lie in a common region, and a component that leaves a region passes a shared lay
 
 FREE cells and open cells, which are FREE or MIXED, have nodes of their own. Open cells at the border
 of the grid also join the exterior, which is a node for each rotation cell that is open there.
+
+Here a cell is ``(rotation cell, x, y)`` or ``(rotation cell, x, y, z)``.
 """
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arrays import FREE, MIXED, Bools, Ints
+from cspace.files.access import replacing
 from cspace.map.contents import Contents
-from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box, fresh_name
+from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box
 from cspace.tiles.parts import OpenTiles, group_rows
 from cspace.tiles.work import run_tasks
 
@@ -46,53 +49,66 @@ MAX_REGIONS: Final = 8
 # ---- one region ----------------------------------------------------------------------------------
 
 
-class Runs(NamedTuple):
-    """Runs of cells along the last axis of one slice, ascending.
+class Region:
+    """Nodes of one kind of a region.
+
+    Its cells are numbered in a row. A *run* is a row of neighboring cells of the kind, along the last
+    axis. Runs that overlap when one is moved to the next row, or to the next rotation cell, join.
 
     Attributes
     ----------
-    first, stop : ndarray of int64, shape (n,)
-        First cell of a run, and the cell after its last one, as indices in the flat slice.
-    labels : ndarray of int64, shape (n,)
-        Component of a run in its slice.
+    count : int
+        Number of nodes.
     """
 
-    first: Ints
-    stop: Ints
-    labels: Ints
+    def __init__(self, folder: TileFolder, index: Index, tile: Contents, kind: int) -> None:
+        corners = folder.clip(folder.interior(index) + ONE_MORE)
+        own, neighbors = as_box(corners - folder.cells(index)[0]), folder.rotations._neighbors
+        shape = (corners[1] - corners[0]).tolist()
+        self._first_cell = np.array([0, *corners[0]])
+        self._shape, size = (len(folder.rotations), *shape), math.prod(shape)
+        runs = [find_runs(states[own] <= kind) for states in tile.states]
+        places = [runs[k] + turn * size for turn, k in enumerate(folder.slice_of.tolist())]
+        self._first, self._stop = first, stop = np.concatenate(places, axis=1)
+        turn, place = first // size, first % size
+        moves, stride = [], shape[-1]
+        for side in reversed(shape[:-1]):
+            moves.append(np.where(place // stride % side < side - 1, stride, 0))
+            stride *= side
+        beside = (column[turn] for column in neighbors.T)
+        moves += [np.where(other >= 0, (other - turn) * size, 0) for other in beside]
+        pairs = [np.empty((0, 2), dtype=np.int64)]
+        for move in moves:
+            moved = np.flatnonzero(move)
+            low = np.searchsorted(stop, (first + move)[moved], side="right")
+            count = np.searchsorted(first, (stop + move)[moved], side="left") - low
+            other = np.arange(count.sum()) + np.repeat(low - np.cumsum(count) + count, count)
+            pairs.append(np.stack([np.repeat(moved, count), other], axis=1))
+        self._nodes = join_nodes(len(first), np.concatenate(pairs))
+        self.count = int(self._nodes.max(initial=-1)) + 1
+
+    def find(self, cells: Ints) -> Ints:
+        """Return the nodes of cells of the whole map in this region, shape (n, 1 + d), or -1."""
+        place = np.ravel_multi_index(tuple((cells - self._first_cell).T), self._shape)
+        run = np.searchsorted(self._stop, place, side="right")
+        is_in = np.append(self._first, place.max(initial=0) + 1)[run] <= place
+        return np.where(is_in, np.append(self._nodes, -1)[run], -1)
 
 
-def find_runs(cells: Bools) -> Runs:
-    """Find and label the runs of set cells; cells of a component share sides."""
+def find_runs(cells: Bools) -> Ints:
+    """Return the first cell of each run of set cells, and the cell after its last, shape (2, n)."""
     length = cells.shape[-1]
     padded = np.pad(cells.reshape(-1, length), [(0, 0), (0, 1)]).view(np.int8)
     change = np.diff(padded.reshape(-1), prepend=np.int8(0))
     first, stop = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
-    first, stop = (ends - first // (length + 1) for ends in (first, stop))
-    pairs, stride = [], length
-    for side in reversed(cells.shape[:-1]):
-        # Runs meet runs of the next row along the axis if they overlap when moved there.
-        moved = np.flatnonzero(first // stride % side < side - 1)
-        one, other = find_overlaps(first[moved] + stride, stop[moved] + stride, first, stop)
-        pairs.append(np.stack([moved[one], other], axis=1))
-        stride *= side
-    return Runs(first, stop, join_nodes(len(first), np.concatenate(pairs)))
-
-
-def find_overlaps(first: Ints, stop: Ints, other_first: Ints, other_stop: Ints) -> tuple[Ints, Ints]:
-    """Return the pairs of runs that overlap; the runs of each list are ascending and disjoint."""
-    low = np.searchsorted(other_stop, first, side="right")
-    count = np.maximum(np.searchsorted(other_first, stop, side="left") - low, 0)
-    one = np.repeat(np.arange(len(first)), count)
-    other = np.arange(len(one)) + np.repeat(low - np.cumsum(count) + count, count)
-    return one, other
+    return np.stack([first, stop]) - first // (length + 1)
 
 
 def join_nodes(count: int, pairs: Ints) -> Ints:
     """Return the component of each node, given pairs of joined nodes, shape (n, 2)."""
     from scipy.sparse.csgraph import connected_components
 
-    labels: NDArray[Any] = connected_components(make_graph(count, pairs), directed=False)[1]
+    labels: Ints = connected_components(make_graph(count, pairs), directed=False)[1]
     return labels.astype(np.int64)
 
 
@@ -103,83 +119,32 @@ def make_graph(count: int, pairs: Ints) -> Any:
     return coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
 
 
-class Region:
-    """Nodes of one kind of a region.
-
-    Attributes
-    ----------
-    count : int
-        Number of nodes.
-    """
-
-    def __init__(self, folder: TileFolder, index: Index, tile: Contents, kind: int) -> None:
-        corners = folder.clip(folder.interior(index) + ONE_MORE)
-        own = as_box(corners - folder.cells(index)[0])
-        self._first, self._slice_of = corners[0], folder.slice_of
-        self._shape = tuple(corners[1] - corners[0])
-        self._runs = [find_runs(states[own] <= kind) for states in tile.states]
-        counts = np.array([runs.labels.max(initial=-1) + 1 for runs in self._runs])
-        self._offsets = np.cumsum([0, *counts[self._slice_of]])
-        joined = [np.empty((0, 2), dtype=np.int64)]
-        for turn, others in enumerate(folder.rotations._neighbors.tolist()):
-            runs = self._runs[self._slice_of[turn]]
-            for other in others:
-                if other > turn:
-                    beside = self._runs[self._slice_of[other]]
-                    a, b = find_overlaps(runs.first, runs.stop, beside.first, beside.stop)
-                    both = runs.labels[a], beside.labels[b], *self._offsets[[turn, other]]
-                    joined.append(join_labels(*both))
-        self._nodes = join_nodes(int(self._offsets[-1]), np.concatenate(joined))
-        self.count = int(self._nodes.max(initial=-1)) + 1
-
-    def find(self, turn: int, cells: Ints) -> Ints:
-        """Return the nodes of cells of the whole grid, shape (n, d), at a rotation cell, or -1."""
-        runs = self._runs[self._slice_of[turn]]
-        flat = np.ravel_multi_index(tuple((cells - self._first).T), self._shape)
-        run = np.searchsorted(runs.first, flat, side="right") - 1
-        inside = np.flatnonzero((run >= 0) & (flat < np.append(runs.stop, 0)[run]))
-        nodes = np.full(len(cells), -1, dtype=np.int64)
-        nodes[inside] = self._nodes[self._offsets[turn] + runs.labels[run[inside]]]
-        return nodes
-
-    def find_all(self, cells: Ints) -> Ints:
-        """Return the nodes of cells at all rotation cells, shape (rotations, n)."""
-        return np.stack([self.find(turn, cells) for turn in range(len(self._slice_of))])
-
-
-def join_labels(labels: Ints, others: Ints, first: int, other_first: int) -> Ints:
-    """Return the distinct pairs of nodes at one place, shape (n, 2); labels may be -1."""
-    both = np.stack(np.broadcast_arrays(labels, others), axis=-1)
-    return np.unique(both[(both >= 0).all(axis=-1)], axis=0) + np.array([first, other_first])
-
-
-def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
-    """Return the cells of the first and the last layer of a region along each axis, shape (n, d).
+def list_layers(folder: TileFolder, index: Index) -> Iterator[Ints]:
+    """Yield the cells of the first and the last layer of a region along each axis, shape (n, 1 + d).
 
     Along the other axes they are those of the interior.
     """
-    layers = []
     for axis, n in enumerate(folder.grid.shape):
         spans = [range(*ends) for ends in folder.interior(index).T]
         for cell in (spans[axis][0], min(spans[axis][-1] + 1, n - 1)):
-            layer = [*spans[:axis], [cell], *spans[axis + 1 :]]
+            layer = [range(len(folder.rotations)), *spans]
+            layer[1 + axis] = range(cell, cell + 1)
             mesh = np.meshgrid(*layer, indexing="ij")
-            layers.append(np.stack(mesh, axis=-1).reshape(-1, len(spans)))
-    return layers
+            yield np.stack(mesh, axis=-1).reshape(-1, len(layer))
 
 
 # ---- all tiles -----------------------------------------------------------------------------------
 
 Labels = tuple[int, list[Ints]]
-"""Number of nodes of a region, and those of the cells of each layer, shape (rotations, n)."""
+"""Number of nodes of a region, and the nodes of the cells of each layer."""
 
 
 def label_tile(folder: TileFolder, index: Index) -> list[Labels]:
     """Label the region of a tile for both kinds, as a task."""
-    tile, found = folder.read_tile(index), list[Labels]()
+    tile, found = folder.read_tile(index), []
     for kind in KINDS:
         region = Region(folder, index, tile, kind)
-        found.append((region.count, list(map(region.find_all, list_layers(folder, index)))))
+        found.append((region.count, [region.find(layer) for layer in list_layers(folder, index)]))
     return found
 
 
@@ -197,31 +162,35 @@ def compute_components(
     joined: dict[str, Any] = {"key": folder.attributes["digest"]}
     for kind in KINDS:
         offsets = np.cumsum([0, *(labels[kind][0] for labels in found)])
-        layers = {index: labels[kind][1] for index, labels in zip(folder, found, strict=True)}
-        pairs = _join_tiles(folder, layers, offsets, with_exterior=kind == MIXED)
-        joined[f"offsets_{kind}"] = offsets
-        joined[f"pairs_{kind}"] = np.concatenate([np.empty((0, 2), dtype=np.int64), *pairs])
+        nodes = {
+            index: [np.where(layer >= 0, layer + first, -1) for layer in labels[kind][1]]
+            for index, labels, first in zip(folder, found, offsets, strict=False)
+        }
+        exterior = np.where(find_open_exteriors(folder), np.arange(len(folder.rotations)), -1)
+        exterior = np.where(exterior >= 0, exterior + offsets[-1], -1)
+        pairs = list(_join_tiles(folder, nodes, exterior if kind == MIXED else -1 + 0 * exterior))
+        joined |= {f"offsets_{kind}": offsets, f"pairs_{kind}": np.concatenate(pairs)}
     return joined
 
 
-def _join_tiles(
-    folder: TileFolder, layers: Mapping[Index, list[Ints]], offsets: Ints, with_exterior: bool
-) -> Iterator[Ints]:
-    """Yield pairs of joined nodes, shape (n, 2); those of the exterior are the last."""
-    numbers = {index: number for number, index in enumerate(folder)}
-    exterior = np.where(find_open_exteriors(folder), np.arange(len(folder.rotations)), -1)
-    for index, number in numbers.items():
-        for side, layer in enumerate(layers[index]):
-            axis, step = side // 2, side % 2 * 2 - 1
-            beside = tuple(i + step * (k == axis) for k, i in enumerate(index))
-            if beside not in numbers and with_exterior:
-                yield join_labels(layer, exterior[:, None], offsets[number], offsets[-1])
-            elif beside in numbers and step == 1:
-                other = layers[beside][2 * axis]
-                yield join_labels(layer, other, offsets[number], offsets[numbers[beside]])
-    for others in folder.rotations._neighbors.T * with_exterior:
-        known = np.where(others >= 0, exterior[others], -1)
-        yield join_labels(exterior, known, offsets[-1], offsets[-1])
+def _join_tiles(folder: TileFolder, nodes: Mapping[Index, list[Ints]], exterior: Ints) -> Iterator[Ints]:
+    """Yield pairs of joined nodes, shape (n, 2); ``exterior`` has a node for each rotation cell."""
+    for index, layers in nodes.items():
+        for side, layer in enumerate(layers):
+            beside = list(index)
+            beside[side // 2] += side % 2 * 2 - 1
+            if tuple(beside) in nodes:
+                yield join_nodes_of(layer, nodes[tuple(beside)][side ^ 1])
+            else:
+                yield join_nodes_of(layer.reshape(len(exterior), -1), exterior[:, None])
+    for others in folder.rotations._neighbors.T:
+        yield join_nodes_of(exterior, np.where(others >= 0, exterior[others], -1))
+
+
+def join_nodes_of(nodes: Ints, others: Ints) -> Ints:
+    """Return the distinct pairs of nodes at one place, shape (n, 2), without those of -1."""
+    both = np.stack(np.broadcast_arrays(nodes, others), axis=-1)
+    return np.unique(both[(both >= 0).all(axis=-1)], axis=0)
 
 
 def find_open_exteriors(folder: TileFolder) -> Bools:
@@ -249,9 +218,8 @@ class TiledComponents:
         saved = self._load()
         if not saved:
             saved = compute_components(self._folder, client, progress)
-            temporary = self._folder.path / f"{fresh_name('.cspace')}.npz"
-            np.savez_compressed(temporary, **saved)
-            temporary.replace(self._folder.path / LABEL_FILE)
+            with replacing(self._folder.path / LABEL_FILE, overwrite=True) as temporary:
+                np.savez_compressed(temporary, **saved)
         self._offsets = [saved[f"offsets_{kind}"] for kind in KINDS]
         self._pairs = [saved[f"pairs_{kind}"] for kind in KINDS]
         self._counts = [int(each[-1]) + len(self._folder.rotations) for each in self._offsets]
@@ -267,26 +235,24 @@ class TiledComponents:
         return saved if str(saved.get("key")) == self._folder.attributes["digest"] else {}
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the components of cells ``(rotation, x, y(, z))``, or -1.
+        """Return the components of cells, inside the grid or not, or -1.
 
-        Cells are FREE, or with ``mixed`` not BLOCKED; they may lie outside the grid.
+        Cells are FREE, or with ``mixed`` not BLOCKED.
         """
         nodes = self._find_nodes(cells, MIXED if mixed else FREE)
         return np.where(nodes >= 0, self._roots[int(mixed)][nodes], -1)
 
     def _find_nodes(self, cells: Ints, kind: int) -> Ints:
         """Return the nodes of cells, or -1."""
-        folder, offsets = self._folder, self._offsets[kind]
-        turns, places = cells[:, 0], cells[:, 1:]
+        folder, places = self._folder, cells[:, 1:]
         inside = ((places >= 0) & (places < folder.grid.shape)).all(axis=1)
         nodes = np.full(len(cells), -1, dtype=np.int64)
         if kind == MIXED:
-            outside = ~inside & find_open_exteriors(folder)[turns]
-            nodes[outside] = offsets[-1] + turns[outside]
-        keys = np.column_stack([places // folder.tile, turns])
-        for (*index, turn), rows in group_rows(keys, np.flatnonzero(inside)):
-            found = self._region(tuple(index), kind).find(turn, places[rows])
-            first = offsets[np.ravel_multi_index(index, folder.counts)]
+            outside = ~inside & find_open_exteriors(folder)[cells[:, 0]]
+            nodes[outside] = self._offsets[kind][-1] + cells[outside, 0]
+        for index, rows in group_rows(places // folder.tile, np.flatnonzero(inside)):
+            found = self._region(index, kind).find(cells[rows])
+            first = self._offsets[kind][np.ravel_multi_index(index, folder.counts)]
             nodes[rows] = np.where(found >= 0, first + found, -1)
         return nodes
 
@@ -316,7 +282,7 @@ class TiledComponents:
         nodes = [last]
         while nodes[0] not in (first, -1):
             nodes.insert(0, max(int(before[nodes[0]]), -1))
-        if nodes[0] == -1 or first == -1:
+        if -1 in (first, nodes[0]):
             nodes = []
         numbers = np.searchsorted(offsets, nodes, side="right") - 1
         tiles = [tuple(map(int, np.unravel_index(k, self._folder.counts))) for k in numbers]
@@ -336,14 +302,13 @@ class TiledComponents:
 
         upper = max(tiles)  # the two differ along one axis
         axis = int(np.flatnonzero(np.subtract(*tiles))[0])
-        cells = list_layers(self._folder, upper)[2 * axis]
-        one, other = (self._region(tile, FREE).find_all(cells) for tile in tiles)
-        common = (one == labels[0]) & (other == labels[1])
+        cells = list(list_layers(self._folder, upper))[2 * axis]
+        one, other = (self._region(tile, FREE).find(cells) for tile in tiles)
         sides = np.delete(np.diff(self._folder.interior(upper), axis=0), axis)
-        area = np.pad(common.reshape(-1, *sides), 1)
-        depth = distance_transform_edt(area)[(slice(1, -1),) * area.ndim].reshape(common.shape)
-        turns, places = np.nonzero(common & (depth >= min(MAX_CROSSING_DEPTH_CELLS, depth.max())))
-        found = np.column_stack([turns, cells[places]])
+        common = ((one == labels[0]) & (other == labels[1])).reshape(-1, *sides)
+        inner = (slice(1, -1),) * common.ndim
+        depth = distance_transform_edt(np.pad(common, 1))[inner].ravel()
+        found = cells[depth >= min(MAX_CROSSING_DEPTH_CELLS, depth.max())]
         way = sum(np.linalg.norm((found - end)[:, 1:].astype(float), axis=1) for end in (start, goal))
         best: Ints = found[int(np.argmin(way))]
         return best

@@ -9,7 +9,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,6 @@ from cspace.space import CSpace
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box, grow
 from cspace.tiles.motions import cut_motions
 from cspace.workspace import Workspace
-
-MAX_MOTIONS: Final = 2**18
-"""Maximum number of motions that are cut at the borders of tiles at a time."""
 
 INSIDE, BORDER, FAR = 0, 1, 2
 """Places of pieces: of a motion in the grid; of one that leaves it, up to a cell outside; farther."""
@@ -124,6 +121,9 @@ class OpenTiles:
         grid = self.folder.grid
         cells = math.ceil(reach / grid.spacing) + 1 if reach else 0
         position = grid.cell_of(rows[:, : grid.dim])
+        if not reach:  # a point on a border belongs to the cell that the whole map gives it
+            turns = self.folder.rotations.centers[self.folder.rotations._cells_of(rows)]
+            rows = np.concatenate([grid.center_of(position), turns], axis=1)
         near = ((position >= -cells) & (position < np.add(grid.shape, cells))).all(axis=1)
         if not near.all():
             out[~near] = query(self.frame, rows[~near])
@@ -147,14 +147,9 @@ class OpenTiles:
     def motions_are_free(self, starts: Floats, ends: Floats, out: Bools) -> None:
         """Write whether motions, from ``starts`` to ``ends`` of shape (n, size), are free.
 
-        A motion in the closed grid ignores the cells outside, as in a map in memory.
+        They are cut at the borders of tiles, and the part of its tile proves each piece. A motion in
+        the closed grid ignores the cells outside, as in a map in memory.
         """
-        for first in range(0, len(out), MAX_MOTIONS):
-            rows = slice(first, first + MAX_MOTIONS)
-            self._write_free_motions(starts[rows], ends[rows], out[rows])
-
-    def _write_free_motions(self, starts: Floats, ends: Floats, out: Bools) -> None:
-        """Cut motions at the borders of tiles, and prove each piece by the part of its tile."""
         folder, grid, dim = self.folder, self.folder.grid, self.folder.grid.dim
         inside = grid.contains(starts[:, :dim]) & grid.contains(ends[:, :dim])
         out[:] = inside | (folder.outside == "free")

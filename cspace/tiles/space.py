@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import STATE_NAMES, Bools, Floats, StrPath
+from cspace.arrays import STATE_NAMES, Floats, StrPath
 from cspace.check import check_bounds, check_count, check_not_negative
 from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.files.access import retry_if_replaced
 from cspace.map.batches import Query, evaluate_batch
 from cspace.space import CSpace
 from cspace.tiles.folder import ONE_MORE, TileFolder, find_moment, grow, unfinished_map_error
 from cspace.tiles.labels import TiledComponents
 from cspace.tiles.overview import build_overview
-from cspace.tiles.parts import OpenTiles
+from cspace.tiles.parts import Ask, OpenTiles
 from cspace.tiles.update import update_tiles
 from cspace.update import Patch, Update
 
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 DEFAULT_CACHE_BYTES: Final = 2**30
 """Default memory for open tiles, in bytes."""
+
+MAX_ROWS: Final = 2**18
+"""Maximum number of configurations or motions that are copied and answered at a time."""
 
 MAX_NEAREST_CELLS: Final = 512
 """Maximum distance along an axis at which :meth:`TiledCSpace.nearest_free` searches, in cells."""
@@ -90,28 +94,25 @@ class TiledCSpace(ConfigurationMap):
         with self._lock:
             while True:
                 self._follow()
-                tiles = self._tiles
-                if not tiles.folder.is_done:
-                    raise unfinished_map_error(tiles.folder)
+                if not self._kept.is_done:
+                    raise unfinished_map_error(self._kept)
                 try:
                     result = work()
                 except FileError:  # an update may have removed a tile
                     if not self._is_past():
                         raise
                 else:
-                    if self._tiles is tiles:
+                    if not self._is_past():
                         return result
 
     def _is_past(self) -> bool:
         """Return True if the map has changed since it was read."""
-        folder = self._tiles.folder
-        return folder.moment != find_moment(folder.path)
+        return self._kept.moment != find_moment(self._kept.path)
 
     def _follow(self) -> None:
         """Read the map again if it has changed."""
-        with self._lock:
-            if self._is_past():
-                self._set_folder(TileFolder.open(self.path))
+        if self._is_past():
+            self._set_folder(retry_if_replaced(self.path, partial(TileFolder.open, self.path)))
 
     # ---- properties ------------------------------------------------------------------------------
 
@@ -173,54 +174,39 @@ class TiledCSpace(ConfigurationMap):
         query = self._query(lambda part, rows: part.is_free_around(rows, reach, angle), reach)
         return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
-    def _query(self, ask: Callable[[CSpace, Floats], Any], reach: float = 0.0) -> Query:
+    def _query(self, ask: Ask, reach: float = 0.0) -> Query:
         """Return a query of configurations that the parts of tiles answer."""
+        return self._in_pieces(lambda rows, out: self._tiles.ask(ask, rows, out, reach))
 
-        def fill(rows: Sequence[Floats], out: NDArray[Any]) -> int:
-            bad = self._find_unusable(rows[0])
-            if bad < 0:
-                self.at_one_moment(lambda: self._tiles.ask(ask, rows[0], out, reach))
-            return bad
+    def _in_pieces(self, work: Callable[..., None]) -> Query:
+        """Return a query that works on checked rows, a piece of the batch at a time."""
 
-        return fill
+        def fill(parts: Sequence[Any], out: NDArray[Any]) -> int:
+            for first in range(0, len(out), MAX_ROWS):
+                piece = slice(first, first + MAX_ROWS)
+                rows = [np.asarray(given[piece], dtype=np.float64) for given in parts]
+                bad = np.flatnonzero(~np.isfinite(np.hstack(rows)).all(axis=1))
+                if len(bad):
+                    return first + int(bad[0])
+                for part in rows:
+                    self.rotations._make_canonical(part)  # raises if a rotation is not usable
+                work(*rows, out[piece])
+            return -1
+
+        return lambda parts, out: self.at_one_moment(partial(fill, parts, out))
 
     def _classify(self) -> Query:
-        query, dim = self._query(lambda part, rows: part.classify(rows)), self.grid.dim
-
-        def fill(rows: Sequence[Floats], out: NDArray[Any]) -> int:
-            # A point on the border of two cells belongs to the one that the whole grid gives it.
-            positions, turns = rows[0][:, :dim], rows[0][:, dim:]
-            if not np.isfinite(positions).all():
-                return query(rows, out)
-            centers = self.grid.center_of(self.grid.cell_of(positions))
-            return query([np.concatenate([centers, turns], axis=1)], out)
-
-        return fill
+        return self._query(lambda part, rows: part.classify(rows))
 
     def _edges(self, number: int, exact: bool) -> Query:
         if exact:
             _ = self._exact
-
-        def fill(ends: Sequence[Floats], out: Bools) -> int:
-            bad = max(map(self._find_unusable, ends))
-            if bad < 0:
-                starts, stops = ends
-                self.at_one_moment(lambda: self._tiles.motions_are_free(starts, stops, out))
-            return bad
-
-        return fill
+        return self._in_pieces(lambda *rows: self._tiles.motions_are_free(*rows))
 
     def _clearances(self) -> Query:
         limit = self.halo * self.grid.spacing
         # Beyond the halo of a part, cells are unknown and count as not FREE.
         return self._query(lambda part, rows: np.minimum(part.clearance(rows), limit), limit)
-
-    def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first row that is not finite, or -1; raise InputError for others."""
-        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-        if not len(bad):
-            self.rotations._make_canonical(rows)
-        return int(bad[0]) if len(bad) else -1
 
     @property
     def _exact(self) -> ExactQueries:
@@ -357,30 +343,23 @@ class TiledCSpace(ConfigurationMap):
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
         return self.at_one_moment(lambda: build_overview(self._kept, count))
 
-    def update(
-        self,
-        cells: ArrayLike,
-        lower: Sequence[int],
-        *,
-        inner: ArrayLike | None = None,
-        client: Client | None = None,
-    ) -> Update:
+    def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
         """Replace a box of workspace cells; update the map.
 
-        The result equals a new build; only the tiles that the change reaches are built again. They replace the old
-        tiles at one moment, and :attr:`version` grows: queries, in any process, see the map before or after the
-        update, even if it is killed. Updates wait for each other.
+        The result equals a new build. A window around the box is updated in memory, and the tiles that the change
+        reaches are replaced at one moment; :attr:`version` grows. Queries, in any process, see the map before or after
+        the update, even if it is killed. Updates wait for each other.
 
         Parameters
         ----------
         cells, lower, inner
             As for :meth:`cspace.CSpace.update`.
-        client : dask.distributed.Client, optional
-            As for :func:`cspace.build`.
 
         Returns
         -------
         Update
         """
         patch = Patch.of(self.grid, cells, lower, inner)
-        return self.at_one_moment(lambda: update_tiles(self._kept.path, patch, client))
+        with self._lock:
+            self.at_one_moment(lambda: None)  # raises if the map is not complete
+            return update_tiles(self._kept.path, patch)
