@@ -128,6 +128,11 @@ class TileFolder:
         return self.frame.margin
 
     @property
+    def exterior(self) -> Exterior:
+        """States outside the grid of a complete map."""
+        return self.frame.exterior or Exterior(np.empty((0, 0), dtype=np.int64))
+
+    @property
     def slices(self) -> int:
         """Number of slices."""
         return len(self.frame.states)
@@ -182,7 +187,7 @@ class TileFolder:
 
     def clip(self, corners: Ints) -> Ints:
         """Return the part of a box in the grid."""
-        return np.clip(corners, 0, self.grid.shape)
+        return np.asarray(np.clip(corners, 0, self.grid.shape))
 
     def tiles_in(self, corners: Ints) -> Iterator[Index]:
         """Iterate over the tiles whose interiors meet a box."""
@@ -286,7 +291,7 @@ class TileFolder:
 
 def grow(corners: Ints, cells: int) -> Ints:
     """Return a box with more cells on every side."""
-    return corners + np.array([[-cells], [cells]])
+    return np.stack([corners[0] - cells, corners[1] + cells])
 
 
 def as_box(corners: Ints) -> Box:

@@ -92,7 +92,7 @@ class Region:
         place = np.ravel_multi_index(tuple((cells - self._first_cell).T), self._shape)
         run = np.searchsorted(self._stop, place, side="right")
         is_in = np.append(self._first, place.max(initial=0) + 1)[run] <= place
-        return np.where(is_in, np.append(self._nodes, -1)[run], -1)
+        return np.asarray(np.where(is_in, np.append(self._nodes, -1)[run], -1))
 
 
 def find_runs(cells: Bools) -> Ints:
@@ -101,15 +101,15 @@ def find_runs(cells: Bools) -> Ints:
     padded = np.pad(cells.reshape(-1, length), [(0, 0), (0, 1)]).view(np.int8)
     change = np.diff(padded.reshape(-1), prepend=np.int8(0))
     first, stop = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
-    return np.stack([first, stop]) - first // (length + 1)
+    return np.asarray(np.stack([first, stop]) - first // (length + 1))
 
 
 def join_nodes(count: int, pairs: Ints) -> Ints:
     """Return the component of each node, given pairs of joined nodes, shape (n, 2)."""
     from scipy.sparse.csgraph import connected_components
 
-    labels: Ints = connected_components(make_graph(count, pairs), directed=False)[1]
-    return labels.astype(np.int64)
+    labels = connected_components(make_graph(count, pairs), directed=False)[1]
+    return np.asarray(labels, dtype=np.int64)
 
 
 def make_graph(count: int, pairs: Ints) -> Any:
@@ -195,9 +195,7 @@ def join_nodes_of(nodes: Ints, others: Ints) -> Ints:
 
 def find_open_exteriors(folder: TileFolder) -> Bools:
     """Return whether each rotation cell has a cell outside the grid that is not BLOCKED."""
-    exterior = folder.frame.exterior
-    is_blocked = exterior is None or exterior.is_all_blocked(folder.grid.shape)
-    return ~np.asarray(is_blocked)[folder.slice_of]
+    return ~folder.exterior.is_all_blocked(folder.grid.shape)[folder.slice_of]
 
 
 class TiledComponents:
@@ -301,7 +299,7 @@ class TiledComponents:
         from scipy.ndimage import distance_transform_edt
 
         upper = max(tiles)  # the two differ along one axis
-        axis = int(np.flatnonzero(np.subtract(*tiles))[0])
+        axis = int(np.flatnonzero(np.diff(tiles, axis=0))[0])
         cells = list(list_layers(self._folder, upper))[2 * axis]
         one, other = (self._region(tile, FREE).find(cells) for tile in tiles)
         sides = np.delete(np.diff(self._folder.interior(upper), axis=0), axis)

@@ -37,8 +37,9 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Ints
 from cspace.grid import Grid
 from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK
 
-HALF_TURN: Final = math.pi - 1e-6
+HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Angle of a rotation, in radians, from which on both arcs are tested."""
 
 
@@ -77,7 +78,7 @@ def cut_motions(grid: Grid, tile: Sequence[int], rotations: Rotations, starts: F
     rows, begin, end = rows[pairs], times[pairs], times[pairs + 1]
     middles = first[rows] + (0.5 * (begin + end))[:, None] * (last - first)[rows]
     cells = np.clip(np.floor(middles), 0, np.subtract(grid.shape, 1)).astype(np.int64)
-    is_far = ((middles < -1.0) | (middles > np.add(grid.shape, 1))).any(axis=1)
+    is_far = np.any((middles < -1.0) | (middles > np.add(grid.shape, 1)), axis=1)
     steps = rotations._steps_between(starts, ends)
     points = []
     for time in (begin, end):

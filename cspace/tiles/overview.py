@@ -27,7 +27,7 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
         starts = [np.maximum(np.arange(low - low % factor, high, factor), low) - low for low, high in corners.T]
         box = as_box(np.stack([corners[0] // factor, -(-corners[1] // factor)]))
         every, layers = (slice(None), *box), [np.arange(folder.slices), *starts]
-        states = tile.states[(slice(None), *own)]
+        states = np.asarray(tile.states)[(slice(None), *own)]
         lowest[every] = np.minimum(lowest[every], reduce_blocks(states, layers, np.minimum))
         highest[every] = np.maximum(highest[every], reduce_blocks(states, layers))
         outer[box] |= reduce_blocks(tile.workspace.outer[own], starts)

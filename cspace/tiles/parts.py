@@ -9,7 +9,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from cspace.workspace import Workspace
 
 INSIDE, BORDER, FAR = 0, 1, 2
 """Places of pieces: of a motion in the grid; of one that leaves it, up to a cell outside; farther."""
+
+Kept = TypeVar("Kept", Contents, CSpace)
 
 Ask = Callable[[CSpace, Floats], Any]
 """Query of some configurations on a map in memory."""
@@ -62,7 +64,7 @@ class OpenTiles:
         corners = grow(self.folder.interior(index), self.folder.halo)
         return self._keep(self._parts, (*index, 1), lambda: self.window(corners))
 
-    def _keep(self, cache: OrderedDict[Index, Any], key: Index, make: Callable[[], Any]) -> Any:
+    def _keep(self, cache: OrderedDict[Index, Kept], key: Index, make: Callable[[], Kept]) -> Kept:
         """Return an entry of a cache, made if it is new, and drop those not used for longest."""
         if key not in cache:
             cache[key] = make()
@@ -87,7 +89,7 @@ class OpenTiles:
         check_memory(needed, "the window", grid, hint="use a smaller window")
         states = np.empty((folder.slices, *grid.shape), dtype=np.uint8)
         outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
-        for row, part in zip(frame.exterior.table, states, strict=True):
+        for row, part in zip(folder.exterior.table, states, strict=True):
             part[...] = row[-1]
             mixed = np.clip(row[:-1].reshape(2, -1) + ONE_MORE - corners[0], 0, grid.shape)
             part[as_box(mixed)] = MIXED
@@ -95,7 +97,7 @@ class OpenTiles:
             tile, interior = self.contents(index), folder.interior(index)
             both = np.clip(interior, *corners)
             here, there = as_box(both - corners[0]), as_box(both - folder.cells(index)[0])
-            states[(slice(None), *here)] = tile.states[(slice(None), *there)]
+            states[(slice(None), *here)] = np.asarray(tile.states)[(slice(None), *there)]
             outer[here] = tile.workspace.outer[there]
             inner[here] = tile.workspace.inner[there]
         shapes, whole = frame.workspace.shapes, folder.grid
@@ -112,16 +114,17 @@ class OpenTiles:
 
     # ---- queries ---------------------------------------------------------------------------------
 
-    def ask(self, query: Ask, rows: Floats, out: NDArray[Any], reach: float = 0.0) -> None:
+    def ask(self, query: Ask, rows: Floats, out: NDArray[Any], reach: float | None = None) -> None:
         """Write the answers for configurations, shape (n, size), to ``out``.
 
-        A query reads only cells within ``reach`` metres along each axis. A tile answers it, a window
-        if the reach is longer than the halo, or the frame if no cell of the grid is near.
+        A query reads only the cell of a configuration, or all within ``reach`` metres along each axis.
+        A tile answers it, a window if the reach is longer than the halo, or the frame if no cell of
+        the grid is near.
         """
         grid = self.folder.grid
-        cells = math.ceil(reach / grid.spacing) + 1 if reach else 0
+        cells = 0 if reach is None else math.ceil(reach / grid.spacing) + 1
         position = grid.cell_of(rows[:, : grid.dim])
-        if not reach:  # a point on a border belongs to the cell that the whole map gives it
+        if reach is None:  # a point on a border belongs to the cell that the whole map gives it
             turns = self.folder.rotations.centers[self.folder.rotations._cells_of(rows)]
             rows = np.concatenate([grid.center_of(position), turns], axis=1)
         near = ((position >= -cells) & (position < np.add(grid.shape, cells))).all(axis=1)
@@ -170,6 +173,6 @@ def group_rows(keys: Ints, rows: Ints) -> Iterator[tuple[Index, Ints]]:
     """Yield each key among some rows, with its rows; ``keys`` has shape (n, k)."""
     found, group = np.unique(keys[rows], axis=0, return_inverse=True)
     order = np.argsort(group.reshape(-1), kind="stable")
-    stops = np.cumsum(np.bincount(group.reshape(-1), minlength=len(found)))
-    for key, chosen in zip(found.tolist(), np.split(rows[order], stops[:-1]), strict=True):
-        yield tuple(key), chosen
+    counts = np.bincount(group.reshape(-1), minlength=len(found))
+    for key, stop, count in zip(found.tolist(), np.cumsum(counts), counts, strict=True):
+        yield tuple(key), rows[order[stop - count : stop]]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import STATE_NAMES, Floats, StrPath
-from cspace.check import check_bounds, check_count, check_not_negative
+from cspace.check import check_count, check_not_negative
 from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.files.access import retry_if_replaced
@@ -174,7 +174,7 @@ class TiledCSpace(ConfigurationMap):
         query = self._query(lambda part, rows: part.is_free_around(rows, reach, angle), reach)
         return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
-    def _query(self, ask: Ask, reach: float = 0.0) -> Query:
+    def _query(self, ask: Ask, reach: float | None = None) -> Query:
         """Return a query of configurations that the parts of tiles answer."""
         return self._in_pieces(lambda rows, out: self._tiles.ask(ask, rows, out, reach))
 
@@ -197,6 +197,9 @@ class TiledCSpace(ConfigurationMap):
 
     def _classify(self) -> Query:
         return self._query(lambda part, rows: part.classify(rows))
+
+    def _frees(self, exact: bool) -> Query:
+        return super()._frees(exact and self._exact is not None)
 
     def _edges(self, number: int, exact: bool) -> Query:
         if exact:
@@ -318,12 +321,13 @@ class TiledCSpace(ConfigurationMap):
         InputError
             If the box shares no cell with the map, or exceeds the memory.
         """
-        folder = self._kept
-        cells = folder.clip(self.grid.cell_of(check_bounds([lower, upper], self.grid.dim)) + ONE_MORE)
-        if (cells[0] >= cells[1]).any():
-            rule = f"it must overlap the map, from {self.grid.lower} to {self.grid.upper}"
+        folder, ends = self._kept, [np.asarray(lower), np.asarray(upper)]
+        given = self.grid.coordinates(ends, "window")
+        cells = folder.clip(self.grid.cell_of(given) + ONE_MORE)
+        if given.ndim != 2 or (given[0] > given[1]).any() or (cells[0] >= cells[1]).any():
+            rule = f"it must be two corners of a box in the map, {self.grid.lower} to {self.grid.upper}"
             problem = f"is from {lower!r} to {upper!r}"
-            raise InputError("window", problem, rule, "pass a part of it", value=(lower, upper))
+            raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
         corners, exterior = grow(cells, folder.reach), None
         if (np.diff(folder.clip(corners), axis=0) == self.grid.shape).all():
             corners, exterior = folder.clip(corners), folder.frame.exterior

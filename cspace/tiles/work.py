@@ -82,6 +82,8 @@ def _run_on_cluster(
         made = client.map(_run_task, list(tiles), task=task, shared=given, pure=False, retries=TASK_RETRIES)
         futures.update(zip(made, tiles, strict=True))
         for future, result in distributed.as_completed(made, with_results=True):
+            if future.status != "finished":  # the scheduler has died
+                raise TimeoutError(f"a task was {future.status}")
             results[futures[future]] = result
             if progress is not None:
                 progress(len(results))

@@ -323,7 +323,7 @@ def reseal(path: Path, **changes: Any) -> None:
     attributes = json.loads((path / "zarr.json").read_bytes())["attributes"] | changes
     del attributes["digest"]
     names = []
-    for name in attributes["arrays"].split():
+    for name in attributes.get("arrays", "").split():
         chunks = [file.relative_to(path) for file in (path / name / "c").rglob("*") if file.is_file()]
         chunks.sort(key=lambda file: [int(part) for part in file.parts[2:]])
         names += [f"{name}/zarr.json", *map(str, chunks)]
