@@ -232,17 +232,20 @@ class TileFolder:
 
     def write_tile(self, index: Index, contents: Contents) -> None:
         """Write a tile; its name appears when it is complete."""
-        own, first = self.own(index), self.interior(index)[0].tolist()
-        used = np.nonzero(contents.workspace.outer[own])
-        counts = np.array([np.bincount(each[own].ravel(), minlength=3) for each in contents.states])
+        own, dim = self.own(index), self.grid.dim
+        outer, counts = contents.workspace.outer[own], np.zeros(3, dtype=np.int64)
+        for states, weight in zip(contents.states, np.bincount(self.slice_of), strict=True):
+            counts += weight * np.array([np.count_nonzero(states[own] == k) for k in range(3)])
+        obstacles = []
+        for axis, low in enumerate(self.interior(index)[0].tolist()):
+            others = tuple(k for k in range(dim) if k != axis)
+            used = low + np.flatnonzero(outer.any(axis=others))
+            obstacles.append([int(used.min(initial=2**40)), int(used.max(initial=-(2**40)))])
         summary = {
             "tile": list(index),
             "stamp": self.attributes["stamp"],
-            "counts": (np.bincount(self.slice_of) @ counts).tolist(),
-            "obstacles": [
-                [int(low + each.min(initial=2**40)), int(low + each.max(initial=-(2**40)))]
-                for low, each in zip(first, used, strict=True)
-            ],
+            "counts": counts.tolist(),
+            "obstacles": obstacles,
         }
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
             write_map(contents, temporary, **summary)

@@ -170,9 +170,14 @@ class OpenTiles:
 
 
 def group_rows(keys: Ints, rows: Ints) -> Iterator[tuple[Index, Ints]]:
-    """Yield each key among some rows, with its rows; ``keys`` has shape (n, k)."""
-    found, group = np.unique(keys[rows], axis=0, return_inverse=True)
-    order = np.argsort(group.reshape(-1), kind="stable")
-    counts = np.bincount(group.reshape(-1), minlength=len(found))
-    for key, stop, count in zip(found.tolist(), np.cumsum(counts), counts, strict=True):
-        yield tuple(key), rows[order[stop - count : stop]]
+    """Yield each key among some rows, with its rows; ``keys`` are integers of shape (n, k)."""
+    if not len(rows):
+        return
+    chosen = keys[rows]
+    first, spans = chosen.min(axis=0), np.ptp(chosen, axis=0) + 1
+    flat = np.ravel_multi_index(tuple((chosen - first).T), tuple(spans))
+    if np.prod(spans) <= 2**16:
+        flat = flat.astype(np.uint16)  # numpy sorts 16-bit integers in linear time
+    order = np.argsort(flat, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(flat[order])) + 1):
+        yield tuple(chosen[part[0]].tolist()), rows[part]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 DEFAULT_CACHE_BYTES: Final = 2**30
 """Default memory for open tiles, in bytes."""
 
-MAX_ROWS: Final = 2**18
+MAX_ROWS: Final = 2**20
 """Maximum number of configurations or motions that are copied and answered at a time."""
 
 MAX_NEAREST_CELLS: Final = 512

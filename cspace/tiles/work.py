@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -90,8 +91,8 @@ def _run_on_cluster(
         return [results[tile] for tile in tiles]
     except CspaceError:
         raise
-    except Exception as error:  # of any class if the scheduler dies; its status then tells
-        lost = distributed.scheduler.KilledWorker, distributed.CancelledError, OSError, TimeoutError
+    except (Exception, asyncio.CancelledError) as error:  # of any class if the scheduler dies
+        lost = distributed.scheduler.KilledWorker, asyncio.CancelledError, OSError, TimeoutError
         if isinstance(error, lost) or client.status != "running":
             problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
             hint = "restart it and repeat the call: finished tiles are kept"

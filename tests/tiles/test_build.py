@@ -206,7 +206,7 @@ def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
     shutil.copytree(built / source, path / "0.1")
     lower = np.array(cspace.open(path).grid.lower)
     with pytest.raises(FileError, match="tile of another map or another place"):
-        cspace.open(path).classify([*(lower + [0.1, 1.2]), 0.0])
+        cspace.open(path).classify([lower[0] + 0.1, lower[1] + 1.2, 0.0])
 
 
 @pytest.mark.parametrize(
