@@ -186,6 +186,7 @@ def build(
             "client": client,
             "workers": workers,
             "progress": progress,
+            "build": build,
         }
         return TiledCSpace(build_tiles(workspace, robot, store, tile, settings))
     if client is not None:

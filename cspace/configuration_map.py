@@ -40,12 +40,11 @@ Result = TypeVar("Result")
 class Backend(Protocol):
     """Cells of a map, over which compiled kernels run."""
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query that runs a kernel.
 
         It runs over the rows of a batch. The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the
-        record of the map. ``passed`` is its result for a row if all cells it reads are FREE. Each thread gets at least
-        ``least`` rows.
+        record of the map. Each thread gets at least ``least`` rows.
         """
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
@@ -261,7 +260,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         The two masks have shape (...).
         """
-        return self._backend.at_one_moment(lambda: self._compute_connectivity(q0, q1))
+        return self._at_one_moment(lambda: self._compute_connectivity(q0, q1))
 
     def _compute_connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
         """Compute :meth:`_connectivity` while no update changes the cells."""
@@ -329,7 +328,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         from cspace.map.points import boxes_are_free
 
         reach = check_not_negative(distance, "distance"), check_not_negative(angle, "angle", "pass it in radians")
-        query = self._backend.query(boxes_are_free, *reach, passed=True)
+        query = self._backend.query(boxes_are_free, *reach)
         return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
     @overload
@@ -371,16 +370,20 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Plain values by name that describe the map, except its grid."""
 
     @property
-    @abstractmethod
     def _backend(self) -> Backend:
-        """The cells as input of kernels."""
+        """The cells as input of kernels, of a map in memory."""
+        raise NotImplementedError
+
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Run ``work`` on a consistent state of the map."""
+        return self._backend.at_one_moment(work)
 
     @cached_property
     def _states_query(self) -> Query:
         """Return the query that writes the state of each configuration."""
         from cspace.map.points import classify
 
-        return self._backend.query(classify, passed=FREE)
+        return self._backend.query(classify)
 
     def _classify(self) -> Query:
         return self._states_query
@@ -397,7 +400,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         if exact:
             return self._backend.query(self._exact.edges, least=MIN_EDGES_PER_THREAD)
-        return self._backend.query(edges_are_free, self._blocks(number), passed=True, least=MIN_EDGES_PER_THREAD)
+        return self._backend.query(edges_are_free, self._blocks(number), least=MIN_EDGES_PER_THREAD)
 
     def _blocks(self, number: int) -> Words | None:
         """Return the occupancy bits of blocks, if useful.

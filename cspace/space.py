@@ -86,7 +86,7 @@ class MemoryBackend:
     periodic: Periodic
     lock: Lock
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query; see :class:`cspace.configuration_map.Backend`."""
         run = partial(kernel, self.map_, *arguments)
         return in_threaded_chunks(self.periodic.wrap_rows(run) if self.periodic else run, least)

@@ -21,7 +21,7 @@ ORDER = [
     "cspace.arms",
     "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening "
     "cspace.update cspace.tiles",
-    "cspace.save cspace.store",
+    "cspace.save",
     "cspace.spectral",
     "cspace.exact",
     "cspace.map",

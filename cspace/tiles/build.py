@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 import numpy as np
 
 from cspace.arrays import StrPath
-from cspace.builder import build
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
@@ -22,6 +21,7 @@ from cspace.obstacles import Source, changed_source
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.save import TILES_FORMAT, is_map_folder, read_format, write_map
+from cspace.space import CSpace
 from cspace.threads import cores
 from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_attributes
 from cspace.tiles.work import run_tasks
@@ -29,6 +29,8 @@ from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from distributed import Client
+
+Build = Callable[..., CSpace]
 
 MAX_TILE_STATES: Final = 2**28
 """Maximum number of states in the interior of a tile, which are in memory at once."""
@@ -45,6 +47,7 @@ class Settings(TypedDict):
     client: Client | None
     workers: int | None
     progress: Callable[[int, int], None] | None
+    build: Build
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class BuildJob:
     folder : TileFolder
     source : Source
         Cells of the workspace.
+    build : callable
+        Builds a map in memory; see :func:`cspace.build`.
     method : str
         Engine.
     threads : int
@@ -64,6 +69,7 @@ class BuildJob:
 
     folder: TileFolder
     source: Source
+    build: Build
     method: str = "auto"
     threads: int = 1
 
@@ -101,7 +107,7 @@ def build_tiles(
     if folder.is_done:
         return folder
     method, workers, client = settings["method"], settings["workers"], settings["client"]
-    job = BuildJob(folder, workspace.cells, method)
+    job = BuildJob(folder, workspace.cells, settings["build"], method)
     return build_missing(job, client, workers, settings["progress"])
 
 
@@ -170,7 +176,7 @@ def build_tile(job: BuildJob, index: Index) -> None:
     source = folder.frame.workspace.source
     if job.source.stamp != folder.attributes["source_stamp"]:
         raise changed_source(source, "its size, time or digest differs")
-    space = build(
+    space = job.build(
         Workspace(folder.sub_grid(window), outer, inner),
         folder.robot,
         rotations=folder.rotations,

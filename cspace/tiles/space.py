@@ -86,7 +86,7 @@ class TiledCSpace(ConfigurationMap):
         """Pickle the path, not the tiles."""
         return TiledCSpace.open, (self.path, self._cache_bytes)
 
-    def at_one_moment(self, work: Callable[[], Result]) -> Result:
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` on one state of the map, again if another process changes it meanwhile.
 
         Raises FileError if the map is not complete.
@@ -149,7 +149,7 @@ class TiledCSpace(ConfigurationMap):
 
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
-        free, mixed, blocked = self.at_one_moment(lambda: self._kept.attributes["counts"])
+        free, mixed, blocked = self._at_one_moment(lambda: self._kept.attributes["counts"])
         return free, mixed, blocked
 
     @property
@@ -193,7 +193,7 @@ class TiledCSpace(ConfigurationMap):
                 work(*rows, out[piece])
             return -1
 
-        return lambda parts, out: self.at_one_moment(partial(fill, parts, out))
+        return lambda parts, out: self._at_one_moment(partial(fill, parts, out))
 
     def _classify(self) -> Query:
         return self._query(lambda part, rows: part.classify(rows))
@@ -216,10 +216,6 @@ class TiledCSpace(ConfigurationMap):
         hint = "use a part of it: space.window(lower, upper)"
         raise ConfigurationError("exact", "needs a map in memory", "this one stays in its folder", hint)
 
-    @property
-    def _backend(self) -> Any:
-        return self  # only its at_one_moment is used
-
     # ---- connectivity ----------------------------------------------------------------------------
 
     def compute_components(
@@ -236,7 +232,7 @@ class TiledCSpace(ConfigurationMap):
         progress : callable, optional
             Called with (tiles done, number of tiles).
         """
-        self.at_one_moment(lambda: self._find_components(client, progress))
+        self._at_one_moment(lambda: self._find_components(client, progress))
 
     def _find_components(
         self, client: Client | None = None, progress: Callable[[int, int], None] | None = None
@@ -272,7 +268,7 @@ class TiledCSpace(ConfigurationMap):
             for q, name in ((q0, "q0"), (q1, "q1"))
         ]
         cells = [self._cells_of(q) for q in ends]
-        tiles, crossings = self.at_one_moment(lambda: self._find_components().chain(*cells))
+        tiles, crossings = self._at_one_moment(lambda: self._find_components().chain(*cells))
         turns = self.rotations.centers[crossings[:, 0]]
         places = self.grid.center_of(crossings[:, 1:])
         points = [ends[0], *np.concatenate([places, turns], axis=1), ends[1]]
@@ -280,7 +276,7 @@ class TiledCSpace(ConfigurationMap):
 
     def _open_part(self, tile: tuple[int, ...]) -> CSpace:
         """Return the part of a tile as a map in memory."""
-        return self.at_one_moment(lambda: self._tiles.part(tile))
+        return self._at_one_moment(lambda: self._tiles.part(tile))
 
     def nearest_free(self, q: ArrayLike) -> Floats:
         """Return the center of the nearest FREE cell within half a tile.
@@ -331,7 +327,7 @@ class TiledCSpace(ConfigurationMap):
         corners, exterior = grow(cells, folder.reach), None
         if (np.diff(folder.clip(corners), axis=0) == self.grid.shape).all():
             corners, exterior = folder.clip(corners), folder.frame.exterior
-        return self.at_one_moment(lambda: self._tiles.window(corners, exterior))
+        return self._at_one_moment(lambda: self._tiles.window(corners, exterior))
 
     def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.
@@ -345,7 +341,7 @@ class TiledCSpace(ConfigurationMap):
             Maximum number of cells along an axis.
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
-        return self.at_one_moment(lambda: build_overview(self._kept, count))
+        return self._at_one_moment(lambda: build_overview(self._kept, count))
 
     def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
         """Replace a box of workspace cells; update the map.
@@ -365,5 +361,5 @@ class TiledCSpace(ConfigurationMap):
         """
         patch = Patch.of(self.grid, cells, lower, inner)
         with self._lock:
-            self.at_one_moment(lambda: None)  # raises if the map is not complete
+            self._at_one_moment(lambda: None)  # raises if the map is not complete
             return update_tiles(self._kept.path, patch)
