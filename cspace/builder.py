@@ -129,7 +129,7 @@ def build(
         ``docs/howto/large_maps.md``. The same call resumes an interrupted build. Overlap counts are not stored.
     tile : int or sequence of int
         Largest number of cells of a tile along each axis. The longest sides are halved until a tile has at most 2^28
-        cells.
+        states.
     client : dask.distributed.Client, optional
         Cluster whose workers make the tiles; threads of this process if left out. All workers must see the folder of
         the store.

@@ -1,4 +1,4 @@
-"""Queries of all certified maps, in memory or in a store."""
+"""Queries of all certified maps, in memory or in tiles."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Return True if a collision-free path is proven to exist between configurations.
 
         The proof is a chain of FREE cells. False proves nothing: see :meth:`is_disconnected`. Components of cells are
-        computed at the first call and cached; a map in a store caches them in the store.
+        computed at the first call and cached; a tiled map caches them in its folder.
 
         Parameters
         ----------
@@ -342,8 +342,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         distance except for rounding, inside and outside the grid. It is zero if the configuration is not FREE and
         infinite if every configuration is FREE. No array of the map's size is computed.
 
-        In a map in a store, distances are limited to 64 cells in the plane and 16 in space, because a window is opened
-        around each configuration in turn.
+        Distances in a tiled map are at most the width of the halo of a tile, because all farther away is unknown there.
 
         Parameters
         ----------

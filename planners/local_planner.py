@@ -330,7 +330,7 @@ class EdgesOnMap(LocalPlanner):
     def straight_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves a straight edge free.
 
-        The map may be in a store.
+        The map may be tiled.
         """
         space: ConfigurationMap = self.space
         if isinstance(space, CSpace):
@@ -780,7 +780,7 @@ class CarCurves(EdgesOnMap):
         return lambda *q: prove(*q) >= 0.0
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge is proven free, also in a store."""
+        """Return whether each edge is proven free, also in a tiled map."""
         given: object = self.space
         if isinstance(given, CSpace):
             return super().edges_are_free(path)

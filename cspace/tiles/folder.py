@@ -7,7 +7,8 @@ and the obstacles as shapes. Each tile is a saved map with its own cells, its *i
 written under another name first, so a tile with its name is complete.
 
 A *stamp* is a digest of everything that the map depends on. Only a build with the same stamp
-resumes, and only tiles with the stamp of the folder are read.
+resumes, and only tiles with the stamp of the folder are read. A complete map also knows the digests
+of its tiles, so it refuses a tile of an earlier state.
 """
 
 from __future__ import annotations
@@ -56,6 +57,12 @@ from cspace.workspace import Workspace
 MAX_HALO_CELLS: Final = 64
 """Maximum width of the halo of a tile, in cells."""
 
+DIGITS: Final = 16
+"""Digits of the digest of a tile that the map keeps."""
+
+SUMS: Final = ("counts", "exterior", "tiles")
+"""Attributes of complete maps only."""
+
 MIN_HALO_CELLS: Final = 2
 """Minimum width of the halo of a tile, in cells; proofs of motions need it."""
 
@@ -81,8 +88,8 @@ class TileFolder:
     attributes : mapping
         ``shape`` of the grid and ``tile``, in cells; ``stamp``, and ``source_stamp`` of the
         workspace; ``inner``, true if BLOCKED is proven; ``updates``, their number. Once all tiles are
-        complete also ``counts``, the numbers of FREE, MIXED and BLOCKED cells, and ``exterior``, the
-        table of the states outside.
+        complete also ``counts``, the numbers of FREE, MIXED and BLOCKED cells; ``exterior``, the
+        table of the states outside; ``tiles``, the beginnings of the digests of all tiles.
     frame : Contents
         Map of the first cell, with the states outside the grid.
     moment : tuple
@@ -227,6 +234,8 @@ class TileFolder:
         found = about.get("tile"), about.get("stamp"), contents.grid, contents.rotations
         if found != (list(index), self.attributes["stamp"], grid, self.rotations):
             raise map_error(path, "it is a tile of another map or another place")
+        if self.is_done and about["digest"][:DIGITS] != self._digests[index]:
+            raise map_error(path, "it has changed since the map was complete")
         with making_map(path):
             return replace(contents, robot=self.robot, slice_of=self.slice_of)
 
@@ -249,6 +258,12 @@ class TileFolder:
         }
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
             write_map(contents, temporary, **summary)
+
+    @cached_property
+    def _digests(self) -> Mapping[Index, str]:
+        """Beginning of the digest of each tile of a complete map."""
+        text = self.attributes["tiles"]
+        return {index: text[DIGITS * k : DIGITS * (k + 1)] for k, index in enumerate(self)}
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -283,7 +298,8 @@ class TileFolder:
         rasters = slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
         exterior = Exterior.around(self.grid.shape, obstacles, rasters, self.outside)
         counts = np.sum([root["counts"] for root in roots], axis=0)
-        sums = {"counts": counts.tolist(), "exterior": exterior.table.tolist()}
+        tiles = "".join(root["digest"][:DIGITS] for root in roots)
+        sums = dict(zip(SUMS, (counts.tolist(), exterior.table.tolist(), tiles), strict=True))
         temporary = self.path / f".cspace-{uuid.uuid4().hex[:12]}"
         write_attributes(temporary, {**self.attributes, **sums})
         (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
@@ -348,9 +364,11 @@ def check_attributes(attributes: Mapping[str, Any], frame: Contents) -> None:
     if (len(shape), len(tile), len(counts)) != (frame.grid.dim, frame.grid.dim, 3):
         raise ValueError("its sizes differ in length")
     is_done = "counts" in attributes
+    if is_done and len(attributes["tiles"]) != DIGITS * math.prod(-(-n // t) for n, t in zip(shape, tile, strict=True)):
+        raise ValueError("it does not know all its tiles")
     if is_done and sum(counts) != math.prod(shape) * len(frame.slice_of):
         raise ValueError("its counts differ from its number of cells")
-    if is_done != ("exterior" in attributes) or not isinstance(attributes["stamp"], str):
+    if {name in attributes for name in SUMS} != {is_done} or not isinstance(attributes["stamp"], str):
         raise ValueError("it is neither complete nor incomplete")
 
 

@@ -22,7 +22,9 @@ import numpy as np
 
 from cspace.arrays import FREE, MIXED, Bools, Ints
 from cspace.files.access import replacing
+from cspace.limits import check_bytes
 from cspace.map.contents import Contents
+from cspace.save import map_error
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box
 from cspace.tiles.parts import OpenTiles, group_rows
 from cspace.tiles.work import run_tasks
@@ -161,7 +163,7 @@ def compute_components(
     found = run_tasks(label_tile, folder, list(folder), needed, client, None, advance)
     joined: dict[str, Any] = {"key": folder.attributes["digest"]}
     for kind in KINDS:
-        offsets = np.cumsum([0, *(labels[kind][0] for labels in found)])
+        offsets = np.cumsum([0, *(labels[kind][0] for labels in found)], dtype=np.int64)
         nodes = {
             index: [np.where(layer >= 0, layer + first, -1) for layer in labels[kind][1]]
             for index, labels, first in zip(folder, found, offsets, strict=False)
@@ -198,6 +200,20 @@ def find_open_exteriors(folder: TileFolder) -> Bools:
     return ~folder.exterior.is_all_blocked(folder.grid.shape)[folder.slice_of]
 
 
+def check_saved(folder: TileFolder, saved: Mapping[str, Any]) -> None:
+    """Raise ValueError, or any other error, if saved components are of another map or damaged."""
+    if str(saved["key"]) != folder.attributes["digest"]:
+        raise ValueError("they are of another state of the map")
+    for kind in KINDS:
+        offsets, pairs = saved[f"offsets_{kind}"], saved[f"pairs_{kind}"]
+        shapes = offsets.shape, pairs.shape
+        if shapes != ((len(folder) + 1,), (len(pairs), 2)) or {offsets.dtype, pairs.dtype} != {np.dtype(np.int64)}:
+            raise ValueError("they have other sizes")
+        count = offsets[-1] + len(folder.rotations)
+        if offsets[0] != 0 or (np.diff(offsets) < 0).any() or ((pairs < 0) | (pairs >= count)).any():
+            raise ValueError("they join other nodes")
+
+
 class TiledComponents:
     """Connected components of a tiled map, read from its folder, or computed and saved there.
 
@@ -225,12 +241,15 @@ class TiledComponents:
 
     def _load(self) -> Mapping[str, Any]:
         """Return what is saved in the folder, if it belongs to this state of the map."""
+        path = self._folder.path / LABEL_FILE
         try:
-            with np.load(self._folder.path / LABEL_FILE, allow_pickle=False) as opened:
+            with np.load(path, allow_pickle=False) as opened:
+                check_bytes(path, sum(part.file_size for part in opened.zip.infolist()), "unpacks to")
                 saved = dict(opened)
+            check_saved(self._folder, saved)
         except Exception:  # missing or damaged in any way; then it is computed again
             return {}
-        return saved if str(saved.get("key")) == self._folder.attributes["digest"] else {}
+        return saved
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.
@@ -256,9 +275,12 @@ class TiledComponents:
 
     def _region(self, index: Index, kind: int) -> Region:
         """Return the labelled region of a tile."""
-        key = index, kind
+        key, number = (index, kind), np.ravel_multi_index(index, self._folder.counts)
         if key not in self._regions:
             self._regions[key] = Region(self._folder, index, self._tiles.contents(index), kind)
+            first, stop = self._offsets[kind][number : number + 2]
+            if stop - first != self._regions[key].count:
+                raise map_error(self._folder.path / LABEL_FILE, "it is of another map")
             if len(self._regions) > MAX_REGIONS:
                 self._regions.popitem(last=False)
         self._regions.move_to_end(key)

@@ -14,7 +14,7 @@ import numpy as np
 from cspace.files.access import replacing
 from cspace.map.exterior import Exterior
 from cspace.save import is_map_folder
-from cspace.tiles.folder import TileFolder, as_box, grow, write_attributes
+from cspace.tiles.folder import SUMS, TileFolder, as_box, grow, write_attributes
 from cspace.tiles.parts import OpenTiles
 from cspace.update import Patch, Update
 
@@ -41,8 +41,7 @@ def update_tiles(path: Path, patch: Patch) -> Update:
         with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
             for kept in (path / "frame", *(folder.tile_path(i) for i in folder if i not in touched)):
                 shutil.copytree(kept, temporary / kept.name, copy_function=os.link)
-            sums = {"counts", "exterior"}
-            known = {key: folder.attributes[key] for key in folder.attributes if key not in sums}
+            known = {key: folder.attributes[key] for key in folder.attributes if key not in SUMS}
             write_attributes(temporary, {**known, "updates": known["updates"] + 1})
             new = TileFolder.open(temporary)
             for index in touched:

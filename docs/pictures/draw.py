@@ -176,7 +176,7 @@ def draw_window() -> Figure:
         part = window.classify(centers(window.grid))
         start, end = window.grid.lower, window.grid.upper
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.9), width_ratios=[5, 4], layout="constrained")
-    axes[0].set_title("a map in a store: 4 x 3 tiles")
+    axes[0].set_title("a tiled map: 4 x 3 tiles")
     axes[1].set_title("space.window(lower, upper), in memory")
     for ax, states, extent in (
         (axes[0], whole, (0.0, 128.0, 0.0, 96.0)),

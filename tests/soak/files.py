@@ -61,7 +61,7 @@ def write_families(folder: Path) -> dict[str, Path]:
     plane.export(folder / "map.yaml", rotation=0.0)
     for name in ("saved.zarr", "forged.zarr"):
         plane.save(folder / name)
-    cspace.build(plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4)
+    cspace.build(plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4).compute_components()
     zarr.create_array(str(folder / "cells.zarr"), data=cells, chunks=(4, 4), config={"write_empty_chunks": True})
     for suffix in ("png", "bmp", "tif", "jpg"):
         Image.fromarray(np.where(cells, 0, 255).astype(np.uint8)).save(folder / f"image.{suffix}")
@@ -188,10 +188,8 @@ def open_file(path: Path) -> object:
 
     if path.name.startswith("balls"):
         return BallDecomposition.open(path)
-    if path.name.startswith(("saved", "forged")):
+    if path.name.startswith(("saved", "forged", "tiles")):
         return _use_map(cspace.open(path))
-    if path.name == "tiles":
-        return cspace.open(path).is_free(np.random.default_rng(0).random((100, 3)) * (0.6, 0.5, 3.0))
     if path.name.startswith("robot"):
         return Robot.open(path)
     if path.name.startswith("scene"):
@@ -207,7 +205,7 @@ def _use_map(space: Any) -> object:
     """Query an opened map, which must answer if it has opened."""
     q = np.random.default_rng(0).uniform(-1.0, 2.0, (30, space.size))
     space.motion_is_free(q[0], q), space.clearance(q), space.is_disconnected(q[0], q)
-    return space.is_free(q[:5], exact=True)
+    return space.is_free(q[:5], exact=isinstance(space, cspace.CSpace))
 
 
 def mutate(content: bytes, other: bytes, rng: Rng) -> bytes:

@@ -226,6 +226,8 @@ def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
         {"exterior": [[0, 0, 1, 1, 0]] * 2},
         {"exterior": [[0, 0, 2**62, 1, 1]] * 2},
         {"exterior": "codec"},
+        {"tiles": "0" * 16},
+        {"tiles": 9},
         {"updates": -1},
         {"inner": "no"},
         {"stamp": 7},

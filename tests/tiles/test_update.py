@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import shutil
 import signal
 import threading
 import time
@@ -64,6 +65,18 @@ def test_a_build_does_not_resume_an_updated_map(tmp_path):
     tiled.update(np.ones((2, 2), bool), (9, 9))
     with pytest.raises(FileError, match="has been updated"):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
+
+
+def test_a_tile_of_the_map_before_an_update_is_refused(tmp_path):
+    space = cspace.build(random_workspace((30, 30)), cspace.Robot.disc(0.2), store=tmp_path / "m", tile=8)
+    q = np.add(space.grid.lower, 0.3)
+    shutil.copytree(tmp_path / "m" / "0.0", tmp_path / "before")
+    space.update(np.ones((3, 3), dtype=bool), (2, 2))
+    space.classify(q)
+    shutil.rmtree(tmp_path / "m" / "0.0")
+    (tmp_path / "before").rename(tmp_path / "m" / "0.0")
+    with pytest.raises(FileError, match="has changed since the map was complete"):
+        cspace.open(tmp_path / "m").classify(q)
 
 
 def test_readers_see_the_map_before_or_after_an_update(tmp_path):
