@@ -132,7 +132,7 @@ def build(
         ``docs/howto/large_maps.md``. The same call resumes an interrupted build. Overlap counts are not stored.
     tile : int or sequence of int
         Largest number of cells of a tile along each axis. The longest sides are halved until a tile has at most 2^28
-        cells.
+        states.
     client : dask.distributed.Client, optional
         Cluster whose workers make the tiles; threads of this process if left out. All workers must see the folder of
         the store.
@@ -178,6 +178,7 @@ def build(
     _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:
         from cspace.tiles.build import Settings, build_tiles
+        from cspace.tiles.space import TiledCSpace
 
         if counts:
             hint = "leave it out and build windows of the map with counts"
@@ -191,8 +192,9 @@ def build(
             "client": client,
             "workers": workers,
             "progress": progress,
+            "build": build,
         }
-        return build_tiles(workspace, robot, store, tile, settings)
+        return TiledCSpace(build_tiles(workspace, robot, store, tile, settings))
     if client is not None:
         hint = "pass store='map.zarr'"
         raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)

@@ -21,7 +21,7 @@ from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 
 FORMAT: Final = "cspace-map"
-VERSION: Final = 5
+VERSION: Final = 6
 """Version of the format; a reader refuses all others."""
 
 AXES: Final = ("x", "y", "z")
@@ -36,7 +36,7 @@ class Stored(NamedTuple):
     Attributes
     ----------
     axes : tuple of str
-        Names of the axes; "cells" stands for the axes of the grid, and "tiles" for the axes of tiles.
+        Names of the axes; "cells" stands for the axes of the grid.
     dtype : str
     lost : number
         Value of lost entries, which never makes a cell FREE.
@@ -72,14 +72,6 @@ ARRAYS: Final[dict[str, Stored]] = {
     ),
     "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
     "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
-    "record": _stored(
-        "tiles number",
-        "int64",
-        -1,
-        "what is known of a tile that is done",
-        comment="FREE, MIXED and BLOCKED cells of each slice; first and last cell of its obstacles; SHA-256 of its "
-        "chunks of cell_states, of outer, and of inner or outer again",
-    ),
     "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
     "overlap_counts": _stored(
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
@@ -121,7 +113,7 @@ def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
     """Return the axes of an array on a grid."""
-    groups = {"cells": AXES[:dim], "tiles": tuple(f"tile_{axis}" for axis in AXES[:dim])}
+    groups = {"cells": AXES[:dim]}
     return tuple(part for axis in stored()[name].axes for part in groups.get(axis, (axis,)))
 
 
@@ -151,8 +143,8 @@ def describe_map(
 ) -> dict[str, Any]:
     """Return the metadata of every map.
 
-    ``lower`` and ``spacing`` are in metres; ``axes`` names the numbers of a configuration, and ``units`` the units of
-    the cells; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
+    ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a configuration;
+    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
     """
     return {
         "format": FORMAT,
@@ -164,7 +156,7 @@ def describe_map(
         "axes": " ".join((*grid.axes, *rotations.names)),
         "units": " ".join(grid.units),
         "outside": outside,
-        "margin": float(margin),
+        "margin_m": float(margin),
         "rotations": len(rotations),
         "slices": slices,
         "robot": robot._definition,

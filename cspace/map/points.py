@@ -15,7 +15,7 @@ from numba.cpython.unsafe.tuple import tuple_setitem
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
 from cspace.compiling import always_inline, jit, kernel
 from cspace.grid import MAX_COORDINATE, SLACK
-from cspace.map.storage import Cells, Map, TileCells, state_in
+from cspace.map.storage import Cells, Map, state_in
 
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]
@@ -164,7 +164,7 @@ def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
 
 def classify(map_: Map, points: Floats, out: States) -> int:
     """Write states; return the first unusable row, or -1."""
-    one_by_one = len(points) <= MAX_POINTS_ONE_BY_ONE or isinstance(map_.cells, TileCells)
+    one_by_one = len(points) <= MAX_POINTS_ONE_BY_ONE
     kernel = classify_few if one_by_one else classify_many
     return kernel(map_, points, out)
 

@@ -17,7 +17,7 @@ from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 from numba.extending import intrinsic
 from numpy.typing import DTypeLike, NDArray
 
-from cspace.arrays import FREE, Bytes, Ints, frozen
+from cspace.arrays import Bytes, Ints, frozen
 from cspace.compiling import always_inline, dispatch_on_type, kernel
 from cspace.errors import InputError
 from cspace.kernels import load_word
@@ -59,40 +59,7 @@ class TwoBits(NamedTuple):
     shape: tuple[int, ...]
 
 
-MISSING, ASIDE = -1, -2
-"""Positions of tiles that are not in memory: absent, or set aside during this query."""
-
-USED = -1
-"""Marks a tile that was in memory and read."""
-
-
-class TileCells(NamedTuple):
-    """States of a tiled map, for kernels.
-
-    Attributes
-    ----------
-    packed : ndarray of uint8
-        States of the tiles in memory, four in a byte.
-    places : ndarray of int64, shape (chunks,)
-        Start of each chunk in ``packed``, or MISSING, or ASIDE.
-    wanted : ndarray of int64, shape (chunks + 1,)
-        Output. For a chunk that was read but MISSING, its rank among such chunks from 1 on; for other chunks read,
-        USED. The last entry is the number of missing chunks.
-    shape : tuple of int
-        Slices, and cells of the grid.
-    sides, counts : tuple of int
-        Size of a chunk, and number of chunks, along the same axes.
-    """
-
-    packed: Bytes
-    places: Ints
-    wanted: Ints
-    shape: tuple[int, ...]
-    sides: tuple[int, ...]
-    counts: tuple[int, ...]
-
-
-Cells = Bytes | TwoBits | TileCells
+Cells = Bytes | TwoBits
 
 
 def _prefetch(context: Any, cells: Any, index: Any) -> Any:
@@ -212,32 +179,6 @@ def _state_in_pairs(cells: TwoBits, index: int) -> int:
     return int((np.uint64(cells.packed[position >> _TWO]) >> (_TWO * (position & _THREE))) & _THREE)
 
 
-def _state_in_tiles(cells: TileCells, index: int) -> int:
-    rest, chunk, inside = np.uint64(index), np.uint64(0), np.uint64(0)
-    chunks, size = np.uint64(1), np.uint64(1)
-    for k in range(len(cells.shape)):
-        axis = len(cells.shape) - 1 - k
-        length, side = np.uint64(cells.shape[axis]), np.uint64(cells.sides[axis])
-        above = rest // length
-        coordinate = rest - above * length
-        tile = coordinate // side
-        chunk += tile * chunks
-        inside += (coordinate - tile * side) * size
-        chunks *= np.uint64(cells.counts[axis])
-        size *= side
-        rest = above
-    start = cells.places[chunk]
-    if start >= 0:
-        cells.wanted[chunk] = USED
-    else:
-        if start == MISSING and cells.wanted[chunk] == 0:
-            cells.wanted[-1] += 1
-            cells.wanted[chunk] = cells.wanted[-1]
-        return FREE
-    coordinate = np.uint64(start) + inside
-    return int((np.uint64(cells.packed[coordinate >> _TWO]) >> (_TWO * (coordinate & _THREE))) & _THREE)
-
-
 @always_inline
 def high_bits(start: int) -> np.uint64:
     """Return a word with the bits from ``start`` on.
@@ -268,7 +209,7 @@ def _row_of_pairs(cells: TwoBits, index: int, count: int) -> WordPair:
     return taken | high_bits(count), blocked | high_bits(count)
 
 
-dispatch_on_type(state_in, {np.ndarray: _state_in_bytes, TwoBits: _state_in_pairs, TileCells: _state_in_tiles})
+dispatch_on_type(state_in, {np.ndarray: _state_in_bytes, TwoBits: _state_in_pairs})
 dispatch_on_type(row_in, {np.ndarray: _row_of_bytes, TwoBits: _row_of_pairs})
 dispatch_on_type(prefetch_cell, {np.ndarray: _prefetch_byte, TwoBits: _prefetch_pair})
 

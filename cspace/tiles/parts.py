@@ -1,154 +1,183 @@
-"""Windows and overviews of a stored map, in memory."""
+"""Open tiles of a map, and parts of the map in memory.
+
+All outside a part is unknown, so MIXED there; each proof by a part holds in the whole map.
+"""
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, intersect_boxes, reduce_blocks
-from cspace.grid import Grid
+from cspace.arrays import MIXED, Bools, Floats, Ints
 from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
 from cspace.map.contents import Contents
-from cspace.map.exterior import UNKNOWN
-from cspace.shapes import Shape, Voxels
+from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.space import CSpace
-from cspace.store import Index, RecordReader, Store
-from cspace.tiles.work import Job, run_tasks
+from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box, grow
+from cspace.tiles.motions import cut_motions
 from cspace.workspace import Workspace
 
-if TYPE_CHECKING:
-    from distributed import Client
+INSIDE, BORDER, FAR = 0, 1, 2
+"""Places of pieces: of a motion in the grid; of one that leaves it, up to a cell outside; farther."""
+
+Kept = TypeVar("Kept", Contents, CSpace)
+
+Ask = Callable[[CSpace, Floats], Any]
+"""Query of some configurations on a map in memory."""
 
 
-def extract_window(store: Store, known: RecordReader, table: Ints, start: Ints, stop: Ints) -> CSpace:
-    """Return the cells [start, stop) as a map.
+class OpenTiles:
+    """The tiles of a map at one moment, read when they are needed.
 
-    Return the whole map if they contain it. ``known`` returns the record of a tile. ``table``, shape (slices, 2 d + 1),
-    holds the states outside the whole map (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the window
-    exceeds the memory.
-    """
-    whole, outside = store.grid, str(store.metadata["outside"])
-    if (start > 0).any() or (stop < whole.shape).any():
-        # The window's own cells hold the states just outside the map; the rest is unknown.
-        outside = UNKNOWN
-    else:
-        start, stop = np.zeros_like(start), np.array(whole.shape)
-    lower = np.array(whole.lower) + whole.spacing * start
-    grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - start).tolist()), whole.axes, whole.units)
-    needed = map_bytes(grid.shape, store.slices) + WORKSPACE_CELL_BYTES * grid.size
-    check_memory(needed, "the window", grid, hint="use a smaller window")
-    box = tuple(map(slice, start.tolist(), stop.tolist()))
-    outer, inner = store.obstacles_in(box, known)
-    source, shapes = f"a window of {store.path.name}", _shapes_in(store, grid, box)
-    workspace = Workspace(grid, outer, inner, source=source, unknown=_unknown_in(store, box), shapes=shapes)
-    return CSpace(
-        Contents(
-            workspace,
-            store.robot,
-            store.rotations,
-            store.slice_of,
-            np.asarray(store.states_in(box, known, table)),
-            outside,
-            float(store.metadata["margin"]),
-            str(store.metadata["precision"]),
-            proves_blocked=store.proves_blocked,
-        )
-    )
-
-
-def _unknown_in(store: Store, box: Box) -> Bools | None:
-    """Return a mask of unknown cells, or None."""
-    if "unknown" not in store.names:
-        return None
-    unknown = np.zeros(tuple(part.stop - part.start for part in box), dtype=np.bool_)
-    in_box, in_map = intersect_boxes(box, tuple(slice(0, n) for n in store.grid.shape))
-    unknown[in_box] = store.array("unknown")[in_map]
-    return unknown
-
-
-def _shapes_in(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
-    """Return obstacles of a window as shapes, or None.
-
-    None means that the obstacles are only cells. ``grid`` is the window's grid and ``box`` its cells in the map.
-    """
-    sides = list(zip(box, store.grid.shape, strict=True))
-    if store.shapes is None or all(part.start >= 0 and part.stop <= n for part, n in sides):
-        return store.shapes
-    if store.metadata["outside"] == "blocked":
-        around = np.ones(grid.shape, dtype=np.bool_)
-        around[tuple(slice(max(0, -part.start), n - part.start) for part, n in sides)] = False
-        return (*store.shapes, Voxels(around, grid.spacing, np.asarray(grid.lower)))
-    whole, bounds = store.grid, [shape.outer.bounds for shape in store.shapes]
-    # If the exterior is free, parts of shapes beyond the map do not count, so shapes that stick out cannot be used.
-    inside = all((low >= whole.lower).all() and (high <= whole.upper).all() for low, high in bounds)
-    return store.shapes if inside else None
-
-
-class ReducedTile(NamedTuple):
-    """A tile in coarse cells.
-
-    Cells at its boundary may lie partly in other tiles.
-
-    Attributes
+    Parameters
     ----------
-    start : tuple of int
-        First coarse cell.
-    min_states, max_states : ndarray of uint8, shape (slices, ...)
-        Smallest and greatest state in each coarse cell.
-    outer : ndarray of bool
-        True for coarse cells with an occupied outer cell.
+    folder : TileFolder
+        Complete folder.
+    max_bytes : int
+        Memory for the states and obstacles of open tiles, and for as many parts; one stays open.
     """
 
-    start: tuple[int, ...]
-    min_states: Bytes
-    max_states: Bytes
-    outer: Bools
+    def __init__(self, folder: TileFolder, max_bytes: int) -> None:
+        self.folder, self.max_bytes = folder, max_bytes
+        self._tiles: OrderedDict[Index, Contents] = OrderedDict()
+        self._parts: OrderedDict[Index, CSpace] = OrderedDict()
+
+    @cached_property
+    def frame(self) -> CSpace:
+        """Map of the space outside the grid; in the grid, it proves less than the tiles."""
+        return CSpace(self.folder.frame)
+
+    def contents(self, index: Index) -> Contents:
+        """Return what a tile holds: its interior, and its halo in the grid."""
+        return self._keep(self._tiles, index, lambda: self.folder.read_tile(index))
+
+    def part(self, index: Index, beyond: bool = False) -> CSpace:
+        """Return a tile as a map in memory; with ``beyond``, also its halo outside the grid."""
+        if not beyond:
+            return self._keep(self._parts, index, lambda: CSpace(self.contents(index)))
+        corners = grow(self.folder.interior(index), self.folder.halo)
+        return self._keep(self._parts, (*index, 1), lambda: self.window(corners))
+
+    def _keep(self, cache: OrderedDict[Index, Kept], key: Index, make: Callable[[], Kept]) -> Kept:
+        """Return an entry of a cache, made if it is new, and drop those not used for longest."""
+        if key not in cache:
+            cache[key] = make()
+            size = (self.folder.slices + WORKSPACE_CELL_BYTES) * cache[key].grid.size
+            while len(cache) > max(1, self.max_bytes // size):
+                cache.popitem(last=False)
+        cache.move_to_end(key)
+        return cache[key]
+
+    def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
+        """Return a box of cells, in the grid or not, as a map in memory.
+
+        All outside it is unknown, unless the states outside are given. Raises InputError if the map
+        does not fit into memory.
+        """
+        folder, frame = self.folder, self.folder.frame
+        inside = folder.clip(corners)
+        if folder.outside == "blocked":
+            corners = inside  # nothing is FREE outside
+        grid = folder.sub_grid(corners)
+        needed = map_bytes(grid.shape, folder.slices) + WORKSPACE_CELL_BYTES * grid.size
+        check_memory(needed, "the window", grid, hint="use a smaller window")
+        states = np.empty((folder.slices, *grid.shape), dtype=np.uint8)
+        outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
+        for row, part in zip(folder.exterior.table, states, strict=True):
+            part[...] = row[-1]
+            mixed = np.clip(row[:-1].reshape(2, -1) + ONE_MORE - corners[0], 0, grid.shape)
+            part[as_box(mixed)] = MIXED
+        for index in folder.tiles_in(corners):
+            tile, interior = self.contents(index), folder.interior(index)
+            both = np.clip(interior, *corners)
+            here, there = as_box(both - corners[0]), as_box(both - folder.cells(index)[0])
+            states[(slice(None), *here)] = np.asarray(tile.states)[(slice(None), *there)]
+            outer[here] = tile.workspace.outer[there]
+            inner[here] = tile.workspace.inner[there]
+        shapes, whole = frame.workspace.shapes, folder.grid
+        if shapes is not None and (inside != corners).any():
+            # Parts of shapes beyond the map do not count if the space outside is free.
+            low, high = zip(*(shape.outer.bounds for shape in shapes), strict=True)
+            fits = (np.array(low) >= whole.lower).all() and (np.array(high) <= whole.upper).all()
+            shapes = shapes if fits else None
+        source = f"a window of {folder.path.name}"
+        workspace = Workspace(grid, outer, inner, source=source, shapes=shapes)
+        shared = folder.robot, folder.rotations, folder.slice_of, states
+        outside = folder.outside if exterior else UNKNOWN
+        return CSpace(Contents(workspace, *shared, outside, folder.margin, exterior=exterior))
+
+    # ---- queries ---------------------------------------------------------------------------------
+
+    def ask(self, query: Ask, rows: Floats, out: NDArray[Any], reach: float | None = None) -> None:
+        """Write the answers for configurations, shape (n, size), to ``out``.
+
+        A query reads only the cell of a configuration, or all within ``reach`` metres along each axis.
+        A tile answers it, a window if the reach is longer than the halo, or the frame if no cell of
+        the grid is near.
+        """
+        grid = self.folder.grid
+        cells = 0 if reach is None else math.ceil(reach / grid.spacing) + 1
+        position = grid.cell_of(rows[:, : grid.dim])
+        if reach is None:  # a point on a border belongs to the cell that the whole map gives it
+            turns = self.folder.rotations.centers[self.folder.rotations._cells_of(rows)]
+            rows = np.concatenate([grid.center_of(position), turns], axis=1)
+        near = ((position >= -cells) & (position < np.add(grid.shape, cells))).all(axis=1)
+        if not near.all():
+            out[~near] = query(self.frame, rows[~near])
+        tiles = np.clip(position, 0, np.subtract(grid.shape, 1)) // self.folder.tile
+        for index, chosen in group_rows(tiles, np.flatnonzero(near)):
+            around = position[chosen]
+            corners = grow(np.stack([around.min(axis=0), around.max(axis=0) + 1]), cells)
+            out[chosen] = query(self._map_around(index, corners), rows[chosen])
+
+    def _map_around(self, index: Index, corners: Ints) -> CSpace:
+        """Return the part of a tile if it has the cells of a box, else a window of them."""
+        folder = self.folder
+        if folder.outside == "blocked":
+            corners = folder.clip(corners)  # nothing is FREE outside
+        halo = grow(folder.interior(index), folder.halo)
+        for beyond, part in enumerate((folder.cells(index), halo)):
+            if (part[0] <= corners[0]).all() and (corners[1] <= part[1]).all():
+                return self.part(index, bool(beyond))
+        return self.window(corners)
+
+    def motions_are_free(self, starts: Floats, ends: Floats, out: Bools) -> None:
+        """Write whether motions, from ``starts`` to ``ends`` of shape (n, size), are free.
+
+        They are cut at the borders of tiles, and the part of its tile proves each piece. A motion in
+        the closed grid ignores the cells outside, as in a map in memory.
+        """
+        folder, grid, dim = self.folder, self.folder.grid, self.folder.grid.dim
+        inside = grid.contains(starts[:, :dim]) & grid.contains(ends[:, :dim])
+        out[:] = inside | (folder.outside == "free")
+        pieces = cut_motions(grid, folder.tile, folder.rotations, starts, ends)
+        place = np.where(inside[pieces.motions], INSIDE, np.where(pieces.is_far, FAR, BORDER))
+        keys = np.column_stack([place, pieces.tiles])
+        for (where, *index), rows in group_rows(keys, np.arange(len(keys))):
+            left = rows[out[pieces.motions[rows]]]  # other motions have failed in another tile
+            if len(left):
+                part = self.frame if where == FAR else self.part(tuple(index), where == BORDER)
+                q = np.stack([pieces.starts[left], pieces.ends[left]])
+                if where == INSIDE:  # rounding may put the upper border just outside the part
+                    q[..., :dim] = np.clip(q[..., :dim], part.grid.lower, part.grid.upper)
+                out[pieces.motions[left[~part.motion_is_free(*q)]]] = False
 
 
-def build_overview(job: Job, max_cells: int, client: Client | None) -> CSpace:
-    """Return a map of at most ``max_cells`` cells per axis.
-
-    A coarse cell is FREE or BLOCKED if all its cells are, else MIXED. Each tile is reduced in a task.
-    """
-    store, grid = job.store, job.store.grid
-    factor = max(1, -(-max(grid.shape) // max_cells))
-    shape = tuple(-(-n // factor) for n in grid.shape)
-    min_states = np.full((store.slices, *shape), BLOCKED, dtype=np.uint8)
-    max_states = np.zeros_like(min_states)
-    outer = np.zeros(shape, dtype=np.bool_)
-    for tile in run_tasks(partial(_reduce_tile, factor=factor), job, list(store), client, None):
-        box = tuple(slice(low, low + n) for low, n in zip(tile.start, tile.outer.shape, strict=True))
-        min_states[(slice(None), *box)] = np.minimum(min_states[(slice(None), *box)], tile.min_states)
-        max_states[(slice(None), *box)] = np.maximum(max_states[(slice(None), *box)], tile.max_states)
-        outer[box] |= tile.outer
-    states = np.where(max_states == FREE, FREE, np.where(min_states == BLOCKED, BLOCKED, MIXED)).astype(np.uint8)
-    for axis, n in enumerate(grid.shape):
-        if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
-            last_cells = np.moveaxis(states, 1 + axis, 0)[-1]
-            last_cells[...] = MIXED
-    coarse = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
-    # Obstacles fill no coarse cell for certain, so the inner cells are empty.
-    inner = np.zeros_like(outer) if factor > 1 else outer
-    workspace = Workspace(coarse, outer, inner, source=f"overview of {store.path.name}")
-    margin = float(store.metadata["margin"])
-    return CSpace(Contents(workspace, store.robot, store.rotations, store.slice_of, states, UNKNOWN, margin))
-
-
-def _reduce_tile(job: Job, index: Index, factor: int) -> ReducedTile:
-    """Reduce a tile to coarse cells; a task."""
-    store, cells = job.store, job.store.cells(index)
-    record = store.known(index)
-    inside = tuple(slice(0, part.stop - part.start) for part in cells)
-    cuts = [np.unique([part.start, *range(-(-part.start // factor) * factor, part.stop, factor)]) for part in cells]
-    cell_starts = [cut - part.start for cut, part in zip(cuts, cells, strict=True)]
-    min_states, max_states = [], []
-    for layer in range(store.layers):
-        block = store.states(index, layer, record)[(slice(0, len(store.numbers(layer))), *inside)]
-        starts = [np.arange(len(block)), *cell_starts]
-        min_states.append(reduce_blocks(block, starts, np.minimum))
-        max_states.append(reduce_blocks(block, starts))
-    outer = reduce_blocks(store.obstacles(index, record)[0], cell_starts)
-    start = tuple(part.start // factor for part in cells)
-    return ReducedTile(start, np.concatenate(min_states), np.concatenate(max_states), outer)
+def group_rows(keys: Ints, rows: Ints) -> Iterator[tuple[Index, Ints]]:
+    """Yield each key among some rows, with its rows; ``keys`` are integers of shape (n, k)."""
+    if not len(rows):
+        return
+    chosen = keys[rows]
+    first, spans = chosen.min(axis=0), np.ptp(chosen, axis=0) + 1
+    flat = np.ravel_multi_index(tuple((chosen - first).T), tuple(spans))
+    if np.prod(spans) <= 2**16:
+        flat = flat.astype(np.uint16)  # numpy sorts 16-bit integers in linear time
+    order = np.argsort(flat, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(flat[order])) + 1):
+        yield tuple(chosen[part[0]].tolist()), rows[part]
