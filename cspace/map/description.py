@@ -15,8 +15,7 @@ from cspace import __version__
 from cspace.arrays import FIELD_NAME, STATE_NAMES
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.map.storage import read_only, read_only_of
-from cspace.robot import Robot
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 
@@ -138,44 +137,31 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     return about
 
 
-def describe_map(
-    grid: Grid, robot: Robot, rotations: Rotations, slices: int, outside: str, margin: float, source: str
-) -> dict[str, Any]:
-    """Return the metadata of every map.
+def metadata_of(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map in memory.
 
     ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a configuration;
-    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
+    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``. ``precision`` is the
+    arithmetic of the engine; ``inner`` is 1 if BLOCKED is proven, 0 if not, and omitted if unknown.
     """
-    return {
+    grid = contents.grid
+    about = {
         "format": FORMAT,
         "format_version": VERSION,
         "library_version": __version__,
         "lower": list(grid.lower),
         "spacing": grid.spacing,
         "shape": list(grid.shape),
-        "axes": " ".join((*grid.axes, *rotations.names)),
+        "axes": " ".join(contents.axes),
         "units": " ".join(grid.units),
-        "outside": outside,
-        "margin_m": float(margin),
-        "rotations": len(rotations),
-        "slices": slices,
-        "robot": robot._definition,
-        "workspace_source": source,
+        "outside": contents.outside,
+        "margin_m": float(contents.margin),
+        "rotations": len(contents.rotations),
+        "slices": len(contents.states),
+        "robot": contents.robot._definition,
+        "workspace_source": contents.workspace.source,
+        "precision": contents.precision,
     }
-
-
-def metadata_of(contents: Contents) -> dict[str, Any]:
-    """Return the metadata of a map in memory.
-
-    They extend :func:`describe_map`: ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is
-    proven, 0 if not, and omitted if unknown.
-    """
-    grid, workspace = contents.grid, contents.workspace
-    about = describe_map(
-        *(grid, contents.robot, contents.rotations, len(contents.states), contents.outside, contents.margin),
-        workspace.source,
-    )
-    about["precision"] = contents.precision
     if contents.proves_blocked is not None:
         about["inner"] = int(contents.proves_blocked)
     return about
@@ -184,13 +170,13 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """Return the arrays of a map, by the names of :func:`stored`.
 
-    No cells are copied; states may be packed in two bits. Optional arrays are ``inner`` if it differs from ``outer``,
+    No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``,
     ``unknown`` if there are such cells, ``overlap_counts`` and the overlap field if the map has them, the arrays of
     rotation cells if the robot rotates, and ``shapes`` if the obstacles have shapes.
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
-        "cell_states": read_only_of(contents.states),
+        "cell_states": read_only(contents.states),
         "outer": workspace.outer,
         "slice_of": contents.slice_of,
     }

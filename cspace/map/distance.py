@@ -39,11 +39,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FREE, Bytes, Floats, Ints
+from cspace.arrays import FREE, Floats, Ints, States
 from cspace.compiling import bind_kernel, kernel
 from cspace.grid import SLACK
 from cspace.map.points import MAX_CELL, Numbers, configuration, is_usable, state_at
-from cspace.map.storage import Map, Stack
+from cspace.map.storage import Map
 from cspace.threads import cores, in_chunks, in_threads
 
 Distances = NDArray[np.float32]
@@ -87,7 +87,7 @@ class DistanceMap:
         The table, once it has the distances of all slices after the last change.
     """
 
-    def __init__(self, states: Stack, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
+    def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
         self._states, self._exterior, self._lock = states, exterior, lock
         self._table: DistanceTable | None = None
         self._ready = np.zeros(len(states), dtype=np.bool_)
@@ -139,7 +139,7 @@ class DistanceMap:
 # ---- the table -----------------------------------------------------------------------------------
 
 
-def find_box(states: Bytes, exterior: Ints) -> Floats:
+def find_box(states: States, exterior: Ints) -> Floats:
     """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
 
     ``exterior`` is a row of :attr:`cspace.map.exterior.Exterior.table`.
@@ -161,7 +161,7 @@ def find_box(states: Bytes, exterior: Ints) -> Floats:
     return box
 
 
-def compute_distances(states: Bytes, exterior: Ints, out: Distances) -> None:
+def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
     """Write the distances of the cells of a slice.
 
     ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
@@ -323,7 +323,8 @@ def position_along(map_: Map, q: Numbers, axis: int) -> float:
 @kernel
 def position_among_centers(map_: Map, q: Numbers, axis: int) -> float:
     """Return a coordinate in cells from the first center, at most at the last one."""
-    return min(max(position_along(map_, q, axis) - 0.5, 0.0), map_.states.shape[axis + 1] - 1.0)
+    last: float = map_.states.shape[axis + 1] - 1.0
+    return min(max(position_along(map_, q, axis) - 0.5, 0.0), last)
 
 
 @kernel

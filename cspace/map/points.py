@@ -15,7 +15,7 @@ from numba.cpython.unsafe.tuple import tuple_setitem
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
 from cspace.compiling import always_inline, jit, kernel
 from cspace.grid import MAX_COORDINATE, SLACK
-from cspace.map.storage import Cells, Map, state_in
+from cspace.map.storage import Map
 
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]
@@ -58,6 +58,13 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     for axis in range(len(q)):
         q = replaced(q, axis, points[k, axis])
     return q
+
+
+@always_inline
+def state_in(cells: States, index: int) -> int:
+    """Return the state of a cell by its index over all slices."""
+    state: int = cells[np.uint64(index)]  # an unsigned index needs no check for negative ones
+    return state
 
 
 @always_inline
@@ -151,7 +158,7 @@ def compute_codes(map_: Map, coordinates: Floats, slices: Ints, cells: Ints, cod
 
 
 @kernel
-def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
+def read_states(flat: States, cells: Ints, codes: States, out: States) -> None:
     """Write the states of points from their codes.
 
     A separate loop without branches reads the map, so that many reads of a map larger than the cache overlap.
@@ -229,7 +236,7 @@ class Slice(NamedTuple):
 
     Attributes
     ----------
-    cells : ndarray of uint8, shape (n,), or TwoBits
+    cells : ndarray of uint8, shape (n,)
         States of all slices in a row.
     start : int
         Index of the first cell of this slice.
@@ -239,7 +246,7 @@ class Slice(NamedTuple):
         First and last cell of a box. Its cells outside the grid are not FREE; all other cells outside the grid are.
     """
 
-    cells: Cells
+    cells: States
     start: int
     shape: Cell
     low: Cell
