@@ -177,24 +177,28 @@ def build(
     _check(workspace, robot, cells, method, counts, outside, workers)
     _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:
-        from cspace.tiles.build import Settings, build_tiles
+        from cspace.tiles.build import build_tiles
         from cspace.tiles.space import TiledCSpace
 
         if counts:
             hint = "leave it out and build windows of the map with counts"
             raise InputError("counts", "is True with a store", "a store has no counts", hint, value=counts)
-        settings: Settings = {
-            "rotations": cells,
-            "inner": inner,
-            "method": method,
-            "outside": outside,
-            "margin": margin,
-            "client": client,
-            "workers": workers,
-            "progress": progress,
-            "build": build,
-        }
-        return TiledCSpace(build_tiles(workspace, robot, store, tile, settings))
+        folder = build_tiles(
+            workspace,
+            robot,
+            store,
+            tile,
+            build=build,
+            method=method,
+            inner=inner,
+            client=client,
+            workers=workers,
+            progress=progress,
+            rotations=cells,
+            outside=outside,
+            margin=margin,
+        )
+        return TiledCSpace(folder)
     if client is not None:
         hint = "pass store='map.zarr'"
         raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)

@@ -32,6 +32,7 @@ from cspace.threads import MIN_ITEMS_PER_THREAD
 
 if TYPE_CHECKING:
     from cspace.exact.proofs import ExactQueries
+    from cspace.map.contents import Contents
 
 
 Result = TypeVar("Result")
@@ -49,34 +50,6 @@ class Backend(Protocol):
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` on a consistent state of the map."""
-
-
-class Kept(Protocol):
-    """Record of a map, whose parts the properties of maps return."""
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of positions."""
-
-    @property
-    def robot(self) -> Robot:
-        """The robot."""
-
-    @property
-    def rotations(self) -> Rotations:
-        """Rotation cells."""
-
-    @property
-    def slice_of(self) -> Ints:
-        """Slice of each rotation cell."""
-
-    @property
-    def outside(self) -> str:
-        """State of space outside the workspace."""
-
-    @property
-    def margin(self) -> float:
-        """Metres by which the robot was grown to prove FREE."""
 
 
 class Components(Protocol):
@@ -100,8 +73,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     @abstractmethod
-    def _kept(self) -> Kept:
-        """Contents of the map in memory, or its folder of tiles."""
+    def _kept(self) -> Contents:
+        """Contents of the map in memory, or what all tiles of a map share."""
 
     @property
     def grid(self) -> Grid:
@@ -355,7 +328,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         The first query at a rotation computes the distances of all cells there, 4 bytes each, and so does the first one
         after an update: some 20 ms for a million cells.
 
-        Distances in a tiled map are at most the width of the halo of a tile, because all farther away is unknown there.
+        Clearances in a tiled map are at most the width of the halo of a tile, less two cells, because all farther away
+        is unknown there.
 
         Parameters
         ----------

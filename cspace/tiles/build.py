@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.obstacles import Source, changed_source
 from cspace.robot import Robot
-from cspace.rotations import Rotations
 from cspace.save import TILES_FORMAT, is_map_folder, read_format, write_map
 from cspace.space import CSpace
 from cspace.threads import cores
@@ -30,24 +29,8 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     from distributed import Client
 
-Build = Callable[..., CSpace]
-
 MAX_TILE_STATES: Final = 2**28
 """Maximum number of states in the interior of a tile, which are in memory at once."""
-
-
-class Settings(TypedDict):
-    """Checked options of a build; see :func:`cspace.build`."""
-
-    rotations: Rotations
-    inner: bool
-    method: str
-    outside: str
-    margin: float
-    client: Client | None
-    workers: int | None
-    progress: Callable[[int, int], None] | None
-    build: Build
 
 
 @dataclass(frozen=True)
@@ -69,8 +52,8 @@ class BuildJob:
 
     folder: TileFolder
     source: Source
-    build: Build
-    method: str = "auto"
+    build: Callable[..., CSpace]
+    method: str
     threads: int = 1
 
 
@@ -79,36 +62,41 @@ def build_tiles(
     robot: Robot,
     store: StrPath,
     tile: int | Sequence[int],
-    settings: Settings,
+    *,
+    build: Callable[..., CSpace],
+    method: str,
+    inner: bool,
+    client: Client | None,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+    **options: Any,
 ) -> TileFolder:
     """Build a map into a folder, tile by tile, or complete one.
 
-    The caller, :func:`cspace.build`, has checked the other arguments. Raises InputError if ``tile``
-    is invalid or a task exceeds the memory; FileError if ``store`` holds something else, cannot be
-    written, or the workspace changes.
+    The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are ``rotations``,
+    ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task exceeds the memory;
+    FileError if ``store`` holds something else, cannot be written, or the workspace changes.
     """
-    grid, rotations, margin = workspace.grid, settings["rotations"], settings["margin"]
-    frame = make_frame(workspace, robot, rotations, settings["outside"], margin)
+    grid, stamp = workspace.grid, workspace.cells.stamp
+    frame = make_frame(workspace, robot, **options)
     slices = len(frame.states)
     sides = resolve_tile(tile, grid.shape, slices)
-    rasters = raster_bytes(robot, grid.spacing, margin, rotations, slices)
-    fewer = rotations._argument_for_fewer
+    rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
+    fewer = frame.rotations._argument_for_fewer
     check_memory(rasters, "the map", grid, fewer=fewer, slices=slices, rasters=rasters)
-    stamp = workspace.cells.stamp
     attributes = {
         "shape": list(grid.shape),
         "tile": list(sides),
-        "stamp": make_stamp(frame, grid.shape, sides, settings["inner"], stamp),
+        "stamp": make_stamp(frame, grid.shape, sides, inner, stamp),
         "source_stamp": stamp,
-        "inner": settings["inner"],
+        "inner": inner,
         "updates": 0,
     }
     folder = _open_or_create(Path(store), attributes, frame)
     if folder.is_done:
         return folder
-    method, workers, client = settings["method"], settings["workers"], settings["client"]
-    job = BuildJob(folder, workspace.cells, settings["build"], method)
-    return build_missing(job, client, workers, settings["progress"])
+    job = BuildJob(folder, workspace.cells, build, method)
+    return build_missing(job, client, workers, progress)
 
 
 def _open_or_create(path: Path, attributes: dict[str, Any], frame: Contents) -> TileFolder:
@@ -133,8 +121,8 @@ def _open_or_create(path: Path, attributes: dict[str, Any], frame: Contents) -> 
 def build_missing(
     job: BuildJob,
     client: Client | None,
-    workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
 ) -> TileFolder:
     """Build missing tiles, then sum up all tiles; return the complete folder."""
     folder = job.folder
@@ -156,8 +144,8 @@ def bytes_to_build(folder: TileFolder) -> float:
     """Estimate the memory to build one tile, in bytes."""
     sides = np.add(folder.tile, 2 * (folder.halo + folder.reach))
     shape = np.minimum(sides, folder.grid.shape).tolist()
-    grid, slices = folder.grid, folder.slices
-    rasters = raster_bytes(folder.robot, grid.spacing, folder.margin, folder.rotations, slices)
+    frame, slices = folder.frame, folder.slices
+    rasters = raster_bytes(frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices)
     copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(shape)
     return float(map_bytes(shape, slices) + copies + rasters)
 
@@ -169,28 +157,27 @@ def build_tile(job: BuildJob, index: Index) -> None:
     of the map of a window, with as much around the tile as the robot reaches. Raises FileError if the
     workspace has changed since the build began.
     """
-    folder = job.folder
+    folder, frame = job.folder, job.folder.frame
     box = folder.cells(index)
     window = folder.clip(grow(box, folder.reach))
     outer, inner = job.source.read(as_box(window))
-    source = folder.frame.workspace.source
+    source = frame.workspace.source
     if job.source.stamp != folder.attributes["source_stamp"]:
         raise changed_source(source, "its size, time or digest differs")
     space = job.build(
         Workspace(folder.sub_grid(window), outer, inner),
-        folder.robot,
-        rotations=folder.rotations,
+        frame.robot,
+        rotations=frame.rotations,
         inner=folder.attributes["inner"],
         method=job.method,
-        outside=folder.outside,
-        margin=folder.margin,
+        outside=frame.outside,
+        margin=frame.margin,
         workers=job.threads,
     )
     own = as_box(box - window[0])
-    states = np.stack([space.states_at(rotation)[own] for rotation in space.slice_rotations])
     workspace = Workspace(folder.sub_grid(box), outer[own], inner[own], source=source)
-    shared = folder.robot, folder.rotations, folder.slice_of
-    folder.write_tile(index, Contents(workspace, *shared, states, UNKNOWN, folder.margin))
+    states = space._contents.states[(slice(None), *own)]
+    folder.write_tile(index, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
 
 
 def resolve_tile(tile: int | Sequence[int], shape: Sequence[int], slices: int = 1) -> tuple[int, ...]:

@@ -6,9 +6,8 @@ and the obstacles as shapes. Each tile is a saved map with its own cells, its *i
 *halo* of the cells around them, clipped to the grid. It is named by its index, such as ``0.3``, and
 written under another name first, so a tile with its name is complete.
 
-A *stamp* is a digest of everything that the map depends on. Only a build with the same stamp
-resumes, and only tiles with the stamp of the folder are read. A complete map also knows the digests
-of its tiles, so it refuses a tile of an earlier state.
+A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
+resumes. A complete map knows the digests of its tiles, so it refuses all other tiles.
 """
 
 from __future__ import annotations
@@ -35,8 +34,10 @@ from cspace.files.access import replacing
 from cspace.files.zarr_folders import ROOT_FILE
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.map.description import FORMAT, VERSION
+from cspace.map.description import FORMAT, VERSION, arrays_of, metadata_of
 from cspace.map.exterior import Exterior
+from cspace.map.storage import count_states
+from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.save import (
@@ -54,20 +55,17 @@ from cspace.save import (
 )
 from cspace.workspace import Workspace
 
+MIN_HALO_CELLS: Final = 4
+"""Minimum width of the halo of a tile, in cells; proofs of motions and clearances need it."""
+
 MAX_HALO_CELLS: Final = 64
 """Maximum width of the halo of a tile, in cells."""
 
-DIGITS: Final = 16
-"""Digits of the digest of a tile that the map keeps."""
-
-SUMS: Final = ("counts", "exterior", "tiles")
-"""Attributes of complete maps only."""
-
-MIN_HALO_CELLS: Final = 2
-"""Minimum width of the halo of a tile, in cells; proofs of motions need it."""
-
 TILE_SIDES_PER_HALO: Final = 16
 """Shortest side of a tile, in widths of its halo; halos then add little to a map."""
+
+SUMS: Final = ("counts", "exterior", "digests")
+"""Attributes of complete maps only."""
 
 Index = tuple[int, ...]
 """Index of a tile along each axis."""
@@ -89,9 +87,9 @@ class TileFolder:
         ``shape`` of the grid and ``tile``, in cells; ``stamp``, and ``source_stamp`` of the
         workspace; ``inner``, true if BLOCKED is proven; ``updates``, their number. Once all tiles are
         complete also ``counts``, the numbers of FREE, MIXED and BLOCKED cells; ``exterior``, the
-        table of the states outside; ``tiles``, the beginnings of the digests of all tiles.
+        table of the states outside; ``digests`` of all tiles.
     frame : Contents
-        Map of the first cell, with the states outside the grid.
+        Map of the first cell, with the states outside the grid of a complete map.
     moment : tuple
         Changes with every change of the map.
     """
@@ -101,48 +99,16 @@ class TileFolder:
     frame: Contents
     moment: tuple[int, int]
 
-    # ---- what it holds ---------------------------------------------------------------------------
-
     @cached_property
     def grid(self) -> Grid:
         """Grid of the whole map."""
+        return self.sub_grid(np.array([[0] * len(self.tile), self.attributes["shape"]]))
+
+    def sub_grid(self, corners: Ints) -> Grid:
+        """Return the grid of a box of cells, inside the whole grid or not."""
         cell = self.frame.grid
-        return Grid(cell.lower, cell.spacing, self.attributes["shape"], cell.axes, cell.units)
-
-    @property
-    def robot(self) -> Robot:
-        """Robot of the map."""
-        return self.frame.robot
-
-    @property
-    def rotations(self) -> Rotations:
-        """Rotation cells of the map."""
-        return self.frame.rotations
-
-    @property
-    def slice_of(self) -> Ints:
-        """Slice of each rotation cell."""
-        return self.frame.slice_of
-
-    @property
-    def outside(self) -> str:
-        """State of space outside the workspace."""
-        return self.frame.outside
-
-    @property
-    def margin(self) -> float:
-        """Metres by which the robot was grown to prove FREE."""
-        return self.frame.margin
-
-    @property
-    def exterior(self) -> Exterior:
-        """States outside the grid of a complete map."""
-        return self.frame.exterior or Exterior(np.empty((0, 0), dtype=np.int64))
-
-    @property
-    def slices(self) -> int:
-        """Number of slices."""
-        return len(self.frame.states)
+        lower = np.array(cell.lower) + cell.spacing * corners[0]
+        return Grid(lower, cell.spacing, corners[1] - corners[0], cell.axes, cell.units)
 
     @property
     def tile(self) -> tuple[int, ...]:
@@ -152,24 +118,31 @@ class TileFolder:
     @property
     def halo(self) -> int:
         """Width of the halo of a tile, in cells."""
-        return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, min(self.tile) // TILE_SIDES_PER_HALO))
+        width = min(self.tile) // TILE_SIDES_PER_HALO
+        return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, width))
+
+    @property
+    def slices(self) -> int:
+        """Number of slices."""
+        return len(self.frame.states)
 
     @cached_property
     def reach(self) -> int:
         """Number of cells along an axis from which the robot may touch a cell, rounded up."""
-        corner = np.abs(self.robot.shape.outer.bounds).max(axis=0)
-        radius = np.linalg.norm(corner) if self.rotations.names else corner.max()
-        angle = min(float(self.rotations.covering_angles.max()), math.pi)
+        frame = self.frame
+        radius = np.linalg.norm(np.abs(frame.robot.shape.outer.bounds).max(axis=0))
+        angle = min(frame.rotations.covering_angles.max(), math.pi)
         # The outer raster is that of a robot whose points move within a rotation cell.
-        far = float(radius) * (1.0 + 2.0 * math.sin(angle / 2.0)) + self.margin
-        return math.ceil(far / self.grid.spacing) + 2
+        far = radius * (1.0 + 2.0 * math.sin(angle / 2.0)) + frame.margin
+        return math.ceil(far / frame.grid.spacing) + 2
 
     # ---- tiles -----------------------------------------------------------------------------------
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """Number of tiles along each axis."""
-        return tuple(-(-n // t) for n, t in zip(self.grid.shape, self.tile, strict=True))
+        pairs = zip(self.attributes["shape"], self.tile, strict=True)
+        return tuple(-(-n // side) for n, side in pairs)
 
     def __iter__(self) -> Iterator[Index]:
         """Iterate over the indices of all tiles."""
@@ -178,6 +151,10 @@ class TileFolder:
     def __len__(self) -> int:
         """Return the number of tiles."""
         return math.prod(self.counts)
+
+    def number(self, index: Index) -> int:
+        """Return the position of a tile among all tiles."""
+        return int(np.ravel_multi_index(index, self.counts))
 
     def interior(self, index: Index) -> Ints:
         """Return the corners of a tile without its halo."""
@@ -194,18 +171,25 @@ class TileFolder:
 
     def clip(self, corners: Ints) -> Ints:
         """Return the part of a box in the grid."""
-        return np.asarray(np.clip(corners, 0, self.grid.shape))
+        return np.clip(corners, 0, self.attributes["shape"])
 
     def tiles_in(self, corners: Ints) -> Iterator[Index]:
         """Iterate over the tiles whose interiors meet a box."""
         first, stop = self.clip(corners)
         return itertools.product(*map(range, first // self.tile, -(-stop // self.tile)))
 
-    def sub_grid(self, corners: Ints) -> Grid:
-        """Return the grid of a box of cells, inside the whole grid or not."""
-        whole = self.grid
-        lower = np.array(whole.lower) + whole.spacing * corners[0]
-        return Grid(lower, whole.spacing, corners[1] - corners[0], whole.axes, whole.units)
+    def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[Index, Ints]]:
+        """Yield tiles, and those of some rows of cells that lie in each.
+
+        A cell outside the grid counts to the nearest tile.
+        """
+        last = np.subtract(self.attributes["shape"], 1)
+        tiles = np.clip(cells[rows], 0, last) // self.tile
+        numbers = np.ravel_multi_index(tuple(tiles.T), self.counts)
+        order = np.argsort(numbers, kind="stable")
+        for part in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
+            if len(part):
+                yield tuple(tiles[part[0]].tolist()), rows[part]
 
     def tile_path(self, index: Index) -> Path:
         """Return the folder of a tile, which exists if the tile is complete."""
@@ -227,43 +211,27 @@ class TileFolder:
     def read_tile(self, index: Index) -> Contents:
         """Read a tile as a map whose outside is unknown.
 
-        Raises FileError if it is missing, damaged, or of another map.
+        Raises FileError if it is missing, damaged, or not the tile that the map was completed with.
         """
-        path, grid = self.tile_path(index), self.sub_grid(self.cells(index))
-        contents, about = read_map_and_attributes(path)
-        found = about.get("tile"), about.get("stamp"), contents.grid, contents.rotations
-        if found != (list(index), self.attributes["stamp"], grid, self.rotations):
-            raise map_error(path, "it is a tile of another map or another place")
-        if self.is_done and about["digest"][:DIGITS] != self._digests[index]:
-            raise map_error(path, "it has changed since the map was complete")
+        path, frame = self.tile_path(index), self.frame
+        tile, about = read_map_and_attributes(path)
+        found = about["digest"], tile.grid, tile.rotations
+        digest = self.attributes["digests"][self.number(index)]
+        if found != (digest, self.sub_grid(self.cells(index)), frame.rotations):
+            raise map_error(path, "it is not the tile that the map was completed with")
         with making_map(path):
-            return replace(contents, robot=self.robot, slice_of=self.slice_of)
+            return replace(tile, robot=frame.robot, slice_of=frame.slice_of)
 
     def write_tile(self, index: Index, contents: Contents) -> None:
         """Write a tile; its name appears when it is complete."""
-        own, dim = self.own(index), self.grid.dim
-        outer, counts = contents.workspace.outer[own], np.zeros(3, dtype=np.int64)
-        for states, weight in zip(contents.states, np.bincount(self.slice_of), strict=True):
-            counts += weight * np.array([np.count_nonzero(states[own] == k) for k in range(3)])
-        obstacles = []
-        for axis, low in enumerate(self.interior(index)[0].tolist()):
-            others = tuple(k for k in range(dim) if k != axis)
-            used = low + np.flatnonzero(outer.any(axis=others))
-            obstacles.append([int(used.min(initial=2**40)), int(used.max(initial=-(2**40)))])
-        summary = {
-            "tile": list(index),
-            "stamp": self.attributes["stamp"],
-            "counts": counts.tolist(),
-            "obstacles": obstacles,
-        }
+        own = self.own(index)
+        weights = np.bincount(self.frame.slice_of)
+        counts = weights @ count_states(contents.states[(slice(None), *own)])
+        first = tuple(self.interior(index)[0].tolist())
+        occupied = Raster.from_bitmap(contents.workspace.outer[own], first)
+        box = [occupied.lower, occupied.upper] if occupied.count else None
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
-            write_map(contents, temporary, **summary)
-
-    @cached_property
-    def _digests(self) -> Mapping[Index, str]:
-        """Beginning of the digest of each tile of a complete map."""
-        text = self.attributes["tiles"]
-        return {index: text[DIGITS * k : DIGITS * (k + 1)] for k, index in enumerate(self)}
+            write_map(contents, temporary, counts=counts.tolist(), obstacles=box)
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -279,27 +247,30 @@ class TileFolder:
         check_digest(root, attributes, digest)
         frame = read_map(root / "frame")
         with making_map(root):
-            check_attributes(attributes, frame)
-            if "exterior" in attributes:
+            folder = cls(root, attributes, frame, moment)
+            _check_attributes(folder)
+            if folder.is_done:
                 table = np.array(attributes["exterior"], dtype=np.int64)
-                table = table.reshape(len(frame.states), 2 * frame.grid.dim + 1)
+                table = table.reshape(folder.slices, 2 * frame.grid.dim + 1)
                 frame = replace(frame, exterior=check_exterior(table, frame.outside))
             if attributes["updates"]:  # the shapes of the obstacles are those before
                 frame = replace(frame, workspace=replace(frame.workspace, shapes=None))
-            folder = cls(root, attributes, frame, moment)
-            _ = folder.grid  # raises if there is no such grid
-            return folder
+            return replace(folder, frame=frame)
 
     def complete(self) -> TileFolder:
         """Sum up the tiles and write the sums; return the complete folder."""
-        roots = [read_root(self.tile_path(index), FORMAT)[0] for index in self]
-        box = np.array([root["obstacles"] for root in roots])
-        obstacles = np.stack([box[..., 0].min(axis=0), box[..., 1].max(axis=0)])
-        rasters = slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
-        exterior = Exterior.around(self.grid.shape, obstacles, rasters, self.outside)
-        counts = np.sum([root["counts"] for root in roots], axis=0)
-        tiles = "".join(root["digest"][:DIGITS] for root in roots)
-        sums = dict(zip(SUMS, (counts.tolist(), exterior.table.tolist(), tiles), strict=True))
+        frame, shape = self.frame, self.grid.shape
+        tiles = [read_root(self.tile_path(index), FORMAT)[0] for index in self]
+        boxes = np.array([tile["obstacles"] for tile in tiles if tile["obstacles"]], dtype=np.int64)
+        box = np.array([[0] * len(shape), [-1] * len(shape)])
+        if len(boxes):
+            box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
+        sums = {
+            "counts": np.sum([tile["counts"] for tile in tiles], axis=0).tolist(),
+            "exterior": Exterior.around(shape, box, rasters, frame.outside).table.tolist(),
+            "digests": [tile["digest"] for tile in tiles],
+        }
         temporary = self.path / f".cspace-{uuid.uuid4().hex[:12]}"
         write_attributes(temporary, {**self.attributes, **sums})
         (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
@@ -327,7 +298,7 @@ def find_moment(path: Path) -> tuple[int, int]:
     return status.st_ino, status.st_mtime_ns
 
 
-def make_frame(workspace: Workspace, robot: Robot, rotations: Rotations, outside: str, margin: float) -> Contents:
+def make_frame(workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any) -> Contents:
     """Return a map of the first cell of a workspace, with what all tiles share."""
     whole, slice_of = workspace.grid, rotations._slices_for(robot.shape)
     ones = (1,) * whole.dim
@@ -335,17 +306,17 @@ def make_frame(workspace: Workspace, robot: Robot, rotations: Rotations, outside
     grid = Grid(whole.lower, whole.spacing, ones, whole.axes, whole.units)
     cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
     states = np.full((int(slice_of.max()) + 1, *ones), MIXED, dtype=np.uint8)
-    return Contents(cell, robot, rotations, slice_of, states, outside, margin)
+    return Contents(cell, robot, rotations, slice_of, states, **options)
 
 
 def make_stamp(frame: Contents, *others: Any) -> str:
     """Return a digest of a frame and of other values, on which a tiled map depends."""
-    grid, shapes = frame.grid, frame.workspace.shapes
-    specs = None if shapes is None else [each.spec for each in shapes]
-    turns = {name: array.tolist() for name, array in frame.rotations._coordinates.items()}
-    about = grid.lower, grid.spacing, grid.axes, frame.outside, frame.margin, turns, specs, others
-    text = json.dumps([VERSION, frame.robot._definition, *about], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    # The same map may be built from another file, or by another version.
+    about = {**metadata_of(frame), "workspace_source": "", "library_version": ""}
+    digest = hashlib.sha256(json.dumps([about, *others], sort_keys=True).encode())
+    for array in arrays_of(frame).values():
+        digest.update(array.tobytes())
+    return digest.hexdigest()
 
 
 def write_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
@@ -355,21 +326,23 @@ def write_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
     write_folder(path, {**about, **known})
 
 
-def check_attributes(attributes: Mapping[str, Any], frame: Contents) -> None:
+def _check_attributes(folder: TileFolder) -> None:
     """Raise ValueError, or any other error, if attributes make no tiled map."""
-    shape, tile, counts = (attributes.get(name, [0, 0, 1]) for name in ("shape", "tile", "counts"))
-    numbers = [*shape, *tile, *counts, attributes["updates"], attributes["inner"]]
-    if not all(isinstance(n, int) and n >= 0 for n in numbers) or min(*shape, *tile) < 1:
-        raise ValueError(f"its sizes are {shape}, {tile} and {counts}")
-    if (len(shape), len(tile), len(counts)) != (frame.grid.dim, frame.grid.dim, 3):
-        raise ValueError("its sizes differ in length")
-    is_done = "counts" in attributes
-    if is_done and len(attributes["tiles"]) != DIGITS * math.prod(-(-n // t) for n, t in zip(shape, tile, strict=True)):
-        raise ValueError("it does not know all its tiles")
-    if is_done and sum(counts) != math.prod(shape) * len(frame.slice_of):
-        raise ValueError("its counts differ from its number of cells")
-    if {name in attributes for name in SUMS} != {is_done} or not isinstance(attributes["stamp"], str):
-        raise ValueError("it is neither complete nor incomplete")
+    about, dim = folder.attributes, folder.frame.grid.dim
+    counts, digests = about.get("counts", [0, 0, 0]), about.get("digests", [""])
+    sizes = [*about["shape"], *about["tile"]]
+    numbers = [*sizes, *counts, about["updates"], about["inner"]]
+    lengths = len(about["shape"]), len(about["tile"]), len(counts)
+    if not all(isinstance(n, int) and n >= 0 for n in numbers) or min(sizes) < 1:
+        raise ValueError("its sizes are no numbers of cells")
+    if lengths != (dim, dim, 3) or {name in about for name in SUMS} != {folder.is_done}:
+        raise ValueError("its attributes do not fit together")
+    if not all(isinstance(text, str) for text in (about["stamp"], *digests)):
+        raise ValueError("its digests are no texts")
+    _ = folder.grid  # raises if there is no such grid
+    cells = math.prod(about["shape"]) * len(folder.frame.slice_of)
+    if folder.is_done and (sum(counts), len(digests)) != (cells, len(folder)):
+        raise ValueError("its counts differ from its numbers of cells and tiles")
 
 
 def unfinished_map_error(folder: TileFolder) -> FileError:

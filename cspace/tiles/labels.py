@@ -13,20 +13,22 @@ Here a cell is ``(rotation cell, x, y)`` or ``(rotation cell, x, y, z)``.
 
 from __future__ import annotations
 
-import math
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_array, csgraph
 
-from cspace.arrays import FREE, MIXED, Bools, Ints
+from cspace.arrays import FREE, MIXED, Ints
 from cspace.files.access import replacing
 from cspace.limits import check_bytes
+from cspace.map.components import Components
 from cspace.map.contents import Contents
 from cspace.save import map_error
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box
-from cspace.tiles.parts import OpenTiles, group_rows
+from cspace.tiles.parts import OpenTiles
 from cspace.tiles.work import run_tasks
 
 if TYPE_CHECKING:
@@ -47,112 +49,56 @@ MAX_CROSSING_DEPTH_CELLS: Final = 8.0
 MAX_REGIONS: Final = 8
 """Number of labelled regions that stay in memory between queries."""
 
-
-# ---- one region ----------------------------------------------------------------------------------
+Progress = Callable[[int, int], None]
+"""Called with the number of tiles done, and of all tiles."""
 
 
 class Region:
-    """Nodes of one kind of a region.
+    """Nodes of a tile's region."""
 
-    Its cells are numbered in a row. A *run* is a row of neighboring cells of the kind, along the last
-    axis. Runs that overlap when one is moved to the next row, or to the next rotation cell, join.
+    def __init__(self, folder: TileFolder, index: Index, tile: Contents) -> None:
+        self._corners = folder.clip(folder.interior(index) + ONE_MORE)
+        own = as_box(self._corners - folder.cells(index)[0])
+        closed = np.zeros(folder.slices, dtype=np.bool_)
+        neighbors = folder.frame.rotations._neighbors
+        self._components = Components(tile.states[(slice(None), *own)], tile.slice_of, neighbors, closed)
 
-    Attributes
-    ----------
-    count : int
-        Number of nodes.
+    def count(self, kind: int) -> int:
+        """Return the number of nodes of a kind."""
+        return self._components.count(kind == MIXED)
+
+    def find(self, cells: Ints, kind: int) -> Ints:
+        """Return the nodes of cells of the whole map, shape (n, 1 + d), or -1."""
+        inner = cells - np.array([0, *self._corners[0]])
+        return self._components.of(inner, kind == MIXED)
+
+
+def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
+    """Return the cells of the first and the last layer of a region along each axis.
+
+    Each array has the shape (n, 1 + d). Along the other axes, the cells are those of the interior.
     """
-
-    def __init__(self, folder: TileFolder, index: Index, tile: Contents, kind: int) -> None:
-        corners = folder.clip(folder.interior(index) + ONE_MORE)
-        own, neighbors = as_box(corners - folder.cells(index)[0]), folder.rotations._neighbors
-        shape = (corners[1] - corners[0]).tolist()
-        self._first_cell = np.array([0, *corners[0]])
-        self._shape, size = (len(folder.rotations), *shape), math.prod(shape)
-        runs = [find_runs(states[own] <= kind) for states in tile.states]
-        places = [runs[k] + turn * size for turn, k in enumerate(folder.slice_of.tolist())]
-        self._first, self._stop = first, stop = np.concatenate(places, axis=1)
-        turn, place = first // size, first % size
-        moves, stride = [], shape[-1]
-        for side in reversed(shape[:-1]):
-            moves.append(np.where(place // stride % side < side - 1, stride, 0))
-            stride *= side
-        beside = (column[turn] for column in neighbors.T)
-        moves += [np.where(other >= 0, (other - turn) * size, 0) for other in beside]
-        pairs = [np.empty((0, 2), dtype=np.int64)]
-        for move in moves:
-            moved = np.flatnonzero(move)
-            low = np.searchsorted(stop, (first + move)[moved], side="right")
-            count = np.searchsorted(first, (stop + move)[moved], side="left") - low
-            other = np.arange(count.sum()) + np.repeat(low - np.cumsum(count) + count, count)
-            pairs.append(np.stack([np.repeat(moved, count), other], axis=1))
-        self._nodes = join_nodes(len(first), np.concatenate(pairs))
-        self.count = int(self._nodes.max(initial=-1)) + 1
-
-    def find(self, cells: Ints) -> Ints:
-        """Return the nodes of cells of the whole map in this region, shape (n, 1 + d), or -1."""
-        place = np.ravel_multi_index(tuple((cells - self._first_cell).T), self._shape)
-        run = np.searchsorted(self._stop, place, side="right")
-        is_in = np.append(self._first, place.max(initial=0) + 1)[run] <= place
-        return np.asarray(np.where(is_in, np.append(self._nodes, -1)[run], -1))
-
-
-def find_runs(cells: Bools) -> Ints:
-    """Return the first cell of each run of set cells, and the cell after its last, shape (2, n)."""
-    length = cells.shape[-1]
-    padded = np.pad(cells.reshape(-1, length), [(0, 0), (0, 1)]).view(np.int8)
-    change = np.diff(padded.reshape(-1), prepend=np.int8(0))
-    first, stop = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
-    return np.asarray(np.stack([first, stop]) - first // (length + 1))
-
-
-def join_nodes(count: int, pairs: Ints) -> Ints:
-    """Return the component of each node, given pairs of joined nodes, shape (n, 2)."""
-    from scipy.sparse.csgraph import connected_components
-
-    labels = connected_components(make_graph(count, pairs), directed=False)[1]
-    return np.asarray(labels, dtype=np.int64)
-
-
-def make_graph(count: int, pairs: Ints) -> Any:
-    """Return pairs of joined nodes as a sparse matrix."""
-    from scipy.sparse import coo_matrix
-
-    return coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-
-
-def list_layers(folder: TileFolder, index: Index) -> Iterator[Ints]:
-    """Yield the cells of the first and the last layer of a region along each axis, shape (n, 1 + d).
-
-    Along the other axes they are those of the interior.
-    """
+    corners = folder.interior(index)
+    layers = []
     for axis, n in enumerate(folder.grid.shape):
-        spans = [range(*ends) for ends in folder.interior(index).T]
-        for cell in (spans[axis][0], min(spans[axis][-1] + 1, n - 1)):
-            layer = [range(len(folder.rotations)), *spans]
-            layer[1 + axis] = range(cell, cell + 1)
-            mesh = np.meshgrid(*layer, indexing="ij")
-            yield np.stack(mesh, axis=-1).reshape(-1, len(layer))
+        for cell in (corners[0, axis], min(corners[1, axis], n - 1)):
+            spans = [range(*ends) for ends in corners.T]
+            spans[axis] = range(cell, cell + 1)
+            mesh = np.meshgrid(range(len(folder.frame.slice_of)), *spans, indexing="ij")
+            layers.append(np.stack(mesh, axis=-1).reshape(-1, len(mesh)))
+    return layers
 
 
-# ---- all tiles -----------------------------------------------------------------------------------
+def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, list[Ints]]]:
+    """Label a region, as a task.
 
-Labels = tuple[int, list[Ints]]
-"""Number of nodes of a region, and the nodes of the cells of each layer."""
-
-
-def label_tile(folder: TileFolder, index: Index) -> list[Labels]:
-    """Label the region of a tile for both kinds, as a task."""
-    tile, found = folder.read_tile(index), []
-    for kind in KINDS:
-        region = Region(folder, index, tile, kind)
-        found.append((region.count, [region.find(layer) for layer in list_layers(folder, index)]))
-    return found
+    Return, for each kind, the number of nodes, and the nodes of the cells of each layer.
+    """
+    region, layers = Region(folder, index, folder.read_tile(index)), list_layers(folder, index)
+    return [(region.count(kind), [region.find(layer, kind) for layer in layers]) for kind in KINDS]
 
 
-def compute_components(
-    folder: TileFolder, client: Client | None, progress: Callable[[int, int], None] | None
-) -> dict[str, Any]:
+def compute_components(folder: TileFolder, client: Client | None, progress: Progress | None) -> dict[str, Any]:
     """Label all tiles; return the first node of each tile, and the pairs of joined nodes."""
 
     def advance(done: int) -> None:
@@ -163,55 +109,53 @@ def compute_components(
     found = run_tasks(label_tile, folder, list(folder), needed, client, None, advance)
     joined: dict[str, Any] = {"key": folder.attributes["digest"]}
     for kind in KINDS:
-        offsets = np.cumsum([0, *(labels[kind][0] for labels in found)], dtype=np.int64)
+        counts = [labels[kind][0] for labels in found]
+        offsets = np.cumsum([0, *counts], dtype=np.int64)
         nodes = {
             index: [np.where(layer >= 0, layer + first, -1) for layer in labels[kind][1]]
             for index, labels, first in zip(folder, found, offsets, strict=False)
         }
-        exterior = np.where(find_open_exteriors(folder), np.arange(len(folder.rotations)), -1)
-        exterior = np.where(exterior >= 0, exterior + offsets[-1], -1)
-        pairs = list(_join_tiles(folder, nodes, exterior if kind == MIXED else -1 + 0 * exterior))
-        joined |= {f"offsets_{kind}": offsets, f"pairs_{kind}": np.concatenate(pairs)}
+        exterior = find_exterior_nodes(folder, int(offsets[-1]), kind)
+        joined[f"offsets_{kind}"] = offsets
+        joined[f"pairs_{kind}"] = join_tiles(folder, nodes, exterior)
     return joined
 
 
-def _join_tiles(folder: TileFolder, nodes: Mapping[Index, list[Ints]], exterior: Ints) -> Iterator[Ints]:
-    """Yield pairs of joined nodes, shape (n, 2); ``exterior`` has a node for each rotation cell."""
+def find_exterior_nodes(folder: TileFolder, first: int, kind: int) -> Ints:
+    """Return the node of the exterior at each rotation cell, or -1 if it is not of a kind."""
+    frame = folder.frame
+    nodes = first + np.arange(len(frame.slice_of))
+    if frame.exterior is None or kind == FREE:
+        return np.full_like(nodes, -1)
+    closed = frame.exterior.is_all_blocked(folder.grid.shape)
+    return np.where(closed[frame.slice_of], -1, nodes)
+
+
+def join_tiles(folder: TileFolder, nodes: Mapping[Index, list[Ints]], exterior: Ints) -> Ints:
+    """Return the distinct pairs of joined nodes, shape (n, 2)."""
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+
+    def join(first: Ints, second: Ints) -> None:
+        both = np.stack(np.broadcast_arrays(first, second), axis=-1)
+        pairs.append(np.unique(both[(both >= 0).all(axis=-1)], axis=0))
+
     for index, layers in nodes.items():
         for side, layer in enumerate(layers):
+            axis, is_last = divmod(side, 2)
             beside = list(index)
-            beside[side // 2] += side % 2 * 2 - 1
-            if tuple(beside) in nodes:
-                yield join_nodes_of(layer, nodes[tuple(beside)][side ^ 1])
-            else:
-                yield join_nodes_of(layer.reshape(len(exterior), -1), exterior[:, None])
-    for others in folder.rotations._neighbors.T:
-        yield join_nodes_of(exterior, np.where(others >= 0, exterior[others], -1))
+            beside[axis] += 1 if is_last else -1
+            if tuple(beside) not in nodes:
+                join(layer.reshape(len(exterior), -1), exterior[:, None])
+            elif is_last:
+                join(layer, nodes[tuple(beside)][side - 1])
+    for others in folder.frame.rotations._neighbors.T:
+        join(exterior, np.where(others >= 0, exterior[others], -1))
+    return np.concatenate(pairs)
 
 
-def join_nodes_of(nodes: Ints, others: Ints) -> Ints:
-    """Return the distinct pairs of nodes at one place, shape (n, 2), without those of -1."""
-    both = np.stack(np.broadcast_arrays(nodes, others), axis=-1)
-    return np.unique(both[(both >= 0).all(axis=-1)], axis=0)
-
-
-def find_open_exteriors(folder: TileFolder) -> Bools:
-    """Return whether each rotation cell has a cell outside the grid that is not BLOCKED."""
-    return ~folder.exterior.is_all_blocked(folder.grid.shape)[folder.slice_of]
-
-
-def check_saved(folder: TileFolder, saved: Mapping[str, Any]) -> None:
-    """Raise ValueError, or any other error, if saved components are of another map or damaged."""
-    if str(saved["key"]) != folder.attributes["digest"]:
-        raise ValueError("they are of another state of the map")
-    for kind in KINDS:
-        offsets, pairs = saved[f"offsets_{kind}"], saved[f"pairs_{kind}"]
-        shapes = offsets.shape, pairs.shape
-        if shapes != ((len(folder) + 1,), (len(pairs), 2)) or {offsets.dtype, pairs.dtype} != {np.dtype(np.int64)}:
-            raise ValueError("they have other sizes")
-        count = offsets[-1] + len(folder.rotations)
-        if offsets[0] != 0 or (np.diff(offsets) < 0).any() or ((pairs < 0) | (pairs >= count)).any():
-            raise ValueError("they join other nodes")
+def make_graph(count: int, pairs: Ints) -> Any:
+    """Return pairs of joined nodes as a sparse matrix."""
+    return coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
 
 
 class TiledComponents:
@@ -221,70 +165,78 @@ class TiledComponents:
     rotation cell.
     """
 
-    def __init__(
-        self,
-        tiles: OpenTiles,
-        client: Client | None = None,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> None:
+    def __init__(self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None) -> None:
         self._tiles, self._folder = tiles, tiles.folder
-        self._regions: OrderedDict[tuple[Index, int], Region] = OrderedDict()
-        saved = self._load()
-        if not saved:
-            saved = compute_components(self._folder, client, progress)
-            with replacing(self._folder.path / LABEL_FILE, overwrite=True) as temporary:
-                np.savez_compressed(temporary, **saved)
-        self._offsets = [saved[f"offsets_{kind}"] for kind in KINDS]
-        self._pairs = [saved[f"pairs_{kind}"] for kind in KINDS]
-        self._counts = [int(each[-1]) + len(self._folder.rotations) for each in self._offsets]
-        self._roots = [join_nodes(self._counts[kind], self._pairs[kind]) for kind in KINDS]
-
-    def _load(self) -> Mapping[str, Any]:
-        """Return what is saved in the folder, if it belongs to this state of the map."""
+        self._region = lru_cache(MAX_REGIONS)(self._label_region)
         path = self._folder.path / LABEL_FILE
         try:
-            with np.load(path, allow_pickle=False) as opened:
-                check_bytes(path, sum(part.file_size for part in opened.zip.infolist()), "unpacks to")
-                saved = dict(opened)
-            check_saved(self._folder, saved)
-        except Exception:  # missing or damaged in any way; then it is computed again
-            return {}
+            self._take(self._load())
+        except Exception:  # missing or damaged in any way; then they are computed again
+            saved = compute_components(self._folder, client, progress)
+            with replacing(path, overwrite=True) as temporary:
+                np.savez_compressed(temporary, **saved)
+            self._take(saved)
+
+    def _load(self) -> dict[str, Any]:
+        """Read what is saved in the folder.
+
+        Raises any error if it is of another state of the map, or damaged.
+        """
+        path = self._folder.path / LABEL_FILE
+        with np.load(path, allow_pickle=False) as opened:
+            check_bytes(path, sum(part.file_size for part in opened.zip.infolist()), "unpacks to")
+            saved = dict(opened)
+        if str(saved["key"]) != self._folder.attributes["digest"]:
+            raise ValueError("they are of another state of the map")
+        for kind in KINDS:
+            offsets, pairs = saved[f"offsets_{kind}"], saved[f"pairs_{kind}"]
+            shapes, types = (offsets.shape, pairs.shape[1:]), {offsets.dtype, pairs.dtype}
+            if shapes != ((len(self._folder) + 1,), (2,)) or types != {np.dtype(np.int64)}:
+                raise ValueError("they have other sizes")
+            if offsets[0] != 0 or (np.diff(offsets) < 0).any():
+                raise ValueError("their tiles overlap")
         return saved
+
+    def _take(self, saved: Mapping[str, Any]) -> None:
+        """Join the nodes; raise ValueError if they do not exist."""
+        rotations = len(self._folder.frame.slice_of)
+        self._offsets = [saved[f"offsets_{kind}"] for kind in KINDS]
+        self._graphs = [
+            make_graph(int(offsets[-1]) + rotations, saved[f"pairs_{kind}"])
+            for kind, offsets in zip(KINDS, self._offsets, strict=True)
+        ]
+        self._roots = [csgraph.connected_components(graph, directed=False)[1] for graph in self._graphs]
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.
 
         Cells are FREE, or with ``mixed`` not BLOCKED.
         """
-        nodes = self._find_nodes(cells, MIXED if mixed else FREE)
-        return np.where(nodes >= 0, self._roots[int(mixed)][nodes], -1)
+        kind = MIXED if mixed else FREE
+        nodes = self._find_nodes(cells, kind)
+        return np.where(nodes >= 0, self._roots[kind][nodes], -1)
 
     def _find_nodes(self, cells: Ints, kind: int) -> Ints:
         """Return the nodes of cells, or -1."""
         folder, places = self._folder, cells[:, 1:]
+        offsets = self._offsets[kind]
         inside = ((places >= 0) & (places < folder.grid.shape)).all(axis=1)
-        nodes = np.full(len(cells), -1, dtype=np.int64)
-        if kind == MIXED:
-            outside = ~inside & find_open_exteriors(folder)[cells[:, 0]]
-            nodes[outside] = self._offsets[kind][-1] + cells[outside, 0]
-        for index, rows in group_rows(places // folder.tile, np.flatnonzero(inside)):
-            found = self._region(index, kind).find(cells[rows])
-            first = self._offsets[kind][np.ravel_multi_index(index, folder.counts)]
+        nodes = find_exterior_nodes(folder, int(offsets[-1]), kind)[cells[:, 0]]
+        for index, rows in folder.group_by_tile(places, np.flatnonzero(inside)):
+            found = self._region(index).find(cells[rows], kind)
+            first = offsets[folder.number(index)]
             nodes[rows] = np.where(found >= 0, first + found, -1)
         return nodes
 
-    def _region(self, index: Index, kind: int) -> Region:
-        """Return the labelled region of a tile."""
-        key, number = (index, kind), np.ravel_multi_index(index, self._folder.counts)
-        if key not in self._regions:
-            self._regions[key] = Region(self._folder, index, self._tiles.contents(index), kind)
+    def _label_region(self, index: Index) -> Region:
+        """Label the region of a tile."""
+        region = Region(self._folder, index, self._tiles.part(index)._contents)
+        number = self._folder.number(index)
+        for kind in KINDS:
             first, stop = self._offsets[kind][number : number + 2]
-            if stop - first != self._regions[key].count:
+            if stop - first != region.count(kind):
                 raise map_error(self._folder.path / LABEL_FILE, "it is of another map")
-            if len(self._regions) > MAX_REGIONS:
-                self._regions.popitem(last=False)
-        self._regions.move_to_end(key)
-        return self._regions[key]
+        return region
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """Return a shortest chain of tiles between two cells of the grid, and its crossings.
@@ -292,25 +244,23 @@ class TiledComponents:
         It passes through FREE cells only, and is empty if none join the two. The crossings, shape
         (len(tiles) - 1, 1 + d), are FREE cells in the shared layer of a tile and the next one.
         """
-        from scipy.sparse.csgraph import dijkstra
-
-        offsets, crossings = self._offsets[FREE], [start]
+        crossings = np.empty((0, len(start)), dtype=np.int64)
         first, last = self._find_nodes(np.stack([start, goal]), FREE).tolist()
-        graph = make_graph(self._counts[FREE], self._pairs[FREE])
-        options = {"directed": False, "unweighted": True, "return_predecessors": True}
-        before = dijkstra(graph, indices=max(first, 0), **options)[1]
+        if min(first, last) < 0 or self._roots[FREE][first] != self._roots[FREE][last]:
+            return [], crossings
+        before = csgraph.breadth_first_order(self._graphs[FREE], first, directed=False)[1]
         nodes = [last]
-        while nodes[0] not in (first, -1):
-            nodes.insert(0, max(int(before[nodes[0]]), -1))
-        if -1 in (first, nodes[0]):
-            nodes = []
-        numbers = np.searchsorted(offsets, nodes, side="right") - 1
+        while nodes[-1] != first:
+            nodes.append(int(before[nodes[-1]]))
+        nodes.reverse()
+        numbers = np.searchsorted(self._offsets[FREE], nodes, side="right") - 1
         tiles = [tuple(map(int, np.unravel_index(k, self._folder.counts))) for k in numbers]
-        labels = np.array(nodes, dtype=np.int64) - offsets[numbers]
+        labels = nodes - self._offsets[FREE][numbers]
         for k in range(len(tiles) - 1):
-            pair = slice(k, k + 2)
-            crossings.append(self._find_crossing(tiles[pair], labels[pair], crossings[-1], goal))
-        return tiles, np.array(crossings[1:], dtype=np.int64).reshape(-1, len(start))
+            begin = crossings[-1] if k else start
+            cell = self._find_crossing(tiles[k : k + 2], labels[k : k + 2], begin, goal)
+            crossings = np.vstack([crossings, cell])
+        return tiles, crossings
 
     def _find_crossing(self, tiles: list[Index], labels: Ints, start: Ints, goal: Ints) -> Ints:
         """Return a cell of the layer that two tiles share, with a given label in each.
@@ -318,17 +268,15 @@ class TiledComponents:
         Of the cells far from the boundary of the common area, it is the one with the shortest way
         from ``start`` and to ``goal``.
         """
-        from scipy.ndimage import distance_transform_edt
-
         upper = max(tiles)  # the two differ along one axis
         axis = int(np.flatnonzero(np.diff(tiles, axis=0))[0])
-        cells = list(list_layers(self._folder, upper))[2 * axis]
-        one, other = (self._region(tile, FREE).find(cells) for tile in tiles)
+        cells = list_layers(self._folder, upper)[2 * axis]
+        here, there = (self._region(tile).find(cells, FREE) for tile in tiles)
         sides = np.delete(np.diff(self._folder.interior(upper), axis=0), axis)
-        common = ((one == labels[0]) & (other == labels[1])).reshape(-1, *sides)
-        inner = (slice(1, -1),) * common.ndim
-        depth = distance_transform_edt(np.pad(common, 1))[inner].ravel()
+        common = ((here == labels[0]) & (there == labels[1])).reshape(-1, *sides)
+        padded = distance_transform_edt(np.pad(common, 1))
+        depth = padded[(slice(1, -1),) * common.ndim].ravel()
         found = cells[depth >= min(MAX_CROSSING_DEPTH_CELLS, depth.max())]
-        way = sum(np.linalg.norm((found - end)[:, 1:].astype(float), axis=1) for end in (start, goal))
-        best: Ints = found[int(np.argmin(way))]
+        ways = [np.linalg.norm((found - end)[:, 1:], axis=1) for end in (start, goal)]
+        best: Ints = found[int(np.argmin(sum(ways)))]
         return best

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, reduce_blocks
 from cspace.grid import Grid
-from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.space import CSpace
 from cspace.tiles.folder import TileFolder, as_box
@@ -41,5 +42,4 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
     # Obstacles fill no coarse cell for certain, so the inner cells are empty.
     inner = np.zeros_like(outer) if factor > 1 else outer
     workspace = Workspace(coarse, outer, inner, source=f"overview of {folder.path.name}")
-    shared = folder.robot, folder.rotations, folder.slice_of
-    return CSpace(Contents(workspace, *shared, states, UNKNOWN, folder.margin))
+    return CSpace(replace(folder.frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None))

@@ -15,7 +15,9 @@ from cspace.check import check_count, check_not_negative
 from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.files.access import retry_if_replaced
-from cspace.map.batches import Query, evaluate_batch
+from cspace.grid import Grid
+from cspace.map.batches import Query, as_contiguous, evaluate_batch
+from cspace.map.contents import Contents
 from cspace.space import CSpace
 from cspace.tiles.folder import ONE_MORE, TileFolder, find_moment, grow, unfinished_map_error
 from cspace.tiles.labels import TiledComponents
@@ -46,7 +48,7 @@ class TiledCSpace(ConfigurationMap):
 
     :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries return the
     results of the same map in memory, :class:`cspace.CSpace`; :meth:`clearance` is at most the width of the
-    halo of a tile. A query groups its configurations by tile, so that each tile is read once.
+    halo of a tile, less two cells. A query groups its configurations by tile, so that each tile is read once.
     :meth:`window` returns a part as a map in memory, which has all other methods.
 
     A partial map opens too: :attr:`progress` is the fraction done, and queries raise FileError.
@@ -94,8 +96,8 @@ class TiledCSpace(ConfigurationMap):
         with self._lock:
             while True:
                 self._follow()
-                if not self._kept.is_done:
-                    raise unfinished_map_error(self._kept)
+                if not self._folder.is_done:
+                    raise unfinished_map_error(self._folder)
                 try:
                     result = work()
                 except FileError:  # an update may have removed a tile
@@ -107,7 +109,7 @@ class TiledCSpace(ConfigurationMap):
 
     def _is_past(self) -> bool:
         """Return True if the map has changed since it was read."""
-        return self._kept.moment != find_moment(self._kept.path)
+        return self._folder.moment != find_moment(self._folder.path)
 
     def _follow(self) -> None:
         """Read the map again if it has changed."""
@@ -119,43 +121,52 @@ class TiledCSpace(ConfigurationMap):
     @property
     def path(self) -> str:
         """Folder of the map."""
-        return str(self._kept.path)
+        return str(self._folder.path)
 
     @property
     def tile(self) -> tuple[int, ...]:
         """Cells of a tile along each axis, without its halo."""
-        return self._kept.tile
+        return self._folder.tile
 
     @property
     def halo(self) -> int:
         """Cells around each tile that are saved with it."""
-        return self._kept.halo
+        return self._folder.halo
 
     @property
     def progress(self) -> float:
         """Fraction of tiles built; queries need 1."""
         self._follow()
-        return self._kept.progress
+        return self._folder.progress
 
     @property
     def version(self) -> int:
         """Number of updates since the build."""
         self._follow()
-        return int(self._kept.attributes["updates"])
+        return int(self._folder.attributes["updates"])
 
     @property
-    def _kept(self) -> TileFolder:
+    def grid(self) -> Grid:
+        """Grid of positions."""
+        return self._folder.grid
+
+    @property
+    def _folder(self) -> TileFolder:
         return self._tiles.folder
+
+    @property
+    def _kept(self) -> Contents:
+        return self._folder.frame
 
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
-        free, mixed, blocked = self._at_one_moment(lambda: self._kept.attributes["counts"])
+        free, mixed, blocked = self._at_one_moment(lambda: self._folder.attributes["counts"])
         return free, mixed, blocked
 
     @property
     def _summary(self) -> str:
         share = "" if self.progress == 1.0 else f", {self.progress:.1%} of them done"
-        return f"{len(self._kept)} tiles of {' x '.join(map(str, self.tile))}{share}"
+        return f"{len(self._folder)} tiles of {' x '.join(map(str, self.tile))}{share}"
 
     @property
     def _facts(self) -> dict[str, object]:
@@ -175,22 +186,22 @@ class TiledCSpace(ConfigurationMap):
         return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
     def _query(self, ask: Ask, reach: float | None = None) -> Query:
-        """Return a query of configurations that the parts of tiles answer."""
+        """Return a query of configurations that the tiles answer."""
         return self._in_pieces(lambda rows, out: self._tiles.ask(ask, rows, out, reach))
 
     def _in_pieces(self, work: Callable[..., None]) -> Query:
         """Return a query that works on checked rows, a piece of the batch at a time."""
 
         def fill(parts: Sequence[Any], out: NDArray[Any]) -> int:
+            check = self._tiles.frame._classify()
             for first in range(0, len(out), MAX_ROWS):
-                piece = slice(first, first + MAX_ROWS)
-                rows = [np.asarray(given[piece], dtype=np.float64) for given in parts]
-                bad = np.flatnonzero(~np.isfinite(np.hstack(rows)).all(axis=1))
-                if len(bad):
-                    return first + int(bad[0])
+                answers = out[first : first + MAX_ROWS]
+                rows = [as_contiguous(given[first : first + MAX_ROWS]) for given in parts]
                 for part in rows:
-                    self.rotations._make_canonical(part)  # raises if a rotation is not usable
-                work(*rows, out[piece])
+                    bad = check([part], np.empty(len(part), dtype=np.uint8))
+                    if bad >= 0:
+                        return first + bad
+                work(*rows, answers)
             return -1
 
         return lambda parts, out: self._at_one_moment(partial(fill, parts, out))
@@ -207,8 +218,8 @@ class TiledCSpace(ConfigurationMap):
         return self._in_pieces(lambda *rows: self._tiles.motions_are_free(*rows))
 
     def _clearances(self) -> Query:
-        limit = self.halo * self.grid.spacing
-        # Beyond the halo of a part, cells are unknown and count as not FREE.
+        # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two cells too small.
+        limit = (self.halo - 2) * self.grid.spacing
         return self._query(lambda part, rows: np.minimum(part.clearance(rows), limit), limit)
 
     @property
@@ -234,12 +245,10 @@ class TiledCSpace(ConfigurationMap):
         """
         self._at_one_moment(lambda: self._find_components(client, progress))
 
-    def _find_components(
-        self, client: Client | None = None, progress: Callable[[int, int], None] | None = None
-    ) -> TiledComponents:
+    def _find_components(self, *options: Any) -> TiledComponents:
         """Return the components of the map, computed if they are not saved."""
         if self._labels is None:
-            self._labels = TiledComponents(self._tiles, client, progress)
+            self._labels = TiledComponents(self._tiles, *options)
         return self._labels
 
     @property
@@ -259,20 +268,22 @@ class TiledCSpace(ConfigurationMap):
         Returns
         -------
         list of (callable, ndarray of float64, ndarray of float64)
-            For each tile, a function that returns its part as a map in memory, and the start and goal in it,
-            shape (size,), yaw in [-pi, pi). Each goal is the start of the next tile. Empty if no FREE cells
-            connect q0 and q1.
+            For each tile, a function that returns it as a map in memory, and the start and goal in it, shape (size,),
+            yaw in [-pi, pi). Each goal is the start of the next tile. Empty if no FREE cells connect q0 and q1.
         """
-        ends = [
-            self.rotations._make_canonical(self._check_configurations(q, name), name)
-            for q, name in ((q0, "q0"), (q1, "q1"))
-        ]
-        cells = [self._cells_of(q) for q in ends]
-        tiles, crossings = self._at_one_moment(lambda: self._find_components().chain(*cells))
-        turns = self.rotations.centers[crossings[:, 0]]
+        rotations = self.rotations
+        start, goal = (
+            rotations._make_canonical(self._check_configurations(q, name), name) for q, name in ((q0, "q0"), (q1, "q1"))
+        )
+        ends = self._cells_of(start), self._cells_of(goal)
+        tiles, crossings = self._at_one_moment(lambda: self._find_components().chain(*ends))
+        turns = rotations.centers[crossings[:, 0]]
         places = self.grid.center_of(crossings[:, 1:])
-        points = [ends[0], *np.concatenate([places, turns], axis=1), ends[1]]
-        return [(partial(self._open_part, tile), points[k], points[k + 1]) for k, tile in enumerate(tiles)]
+        points = [start, *np.concatenate([places, turns], axis=1), goal]
+        return [
+            (partial(self._open_part, tile), first, last)
+            for tile, first, last in zip(tiles, points[:-1], points[1:], strict=False)
+        ]
 
     def _open_part(self, tile: tuple[int, ...]) -> CSpace:
         """Return the part of a tile as a map in memory."""
@@ -317,17 +328,18 @@ class TiledCSpace(ConfigurationMap):
         InputError
             If the box shares no cell with the map, or exceeds the memory.
         """
-        folder, ends = self._kept, [np.asarray(lower), np.asarray(upper)]
-        given = self.grid.coordinates(ends, "window")
-        cells = folder.clip(self.grid.cell_of(given) + ONE_MORE)
-        if given.ndim != 2 or (given[0] > given[1]).any() or (cells[0] >= cells[1]).any():
+        folder = self._folder
+        ends = self.grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
+        cells = folder.clip(self.grid.cell_of(ends) + ONE_MORE)
+        if ends.ndim != 2 or (ends[0] > ends[1]).any() or (cells[0] >= cells[1]).any():
             rule = f"it must be two corners of a box in the map, {self.grid.lower} to {self.grid.upper}"
             problem = f"is from {lower!r} to {upper!r}"
             raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
-        corners, exterior = grow(cells, folder.reach), None
-        if (np.diff(folder.clip(corners), axis=0) == self.grid.shape).all():
-            corners, exterior = folder.clip(corners), folder.frame.exterior
-        return self._at_one_moment(lambda: self._tiles.window(corners, exterior))
+        corners = grow(cells, folder.reach)
+        whole = folder.clip(corners)
+        if (np.diff(whole, axis=0) == self.grid.shape).all():
+            return self._at_one_moment(lambda: self._tiles.window(whole, self._folder.frame.exterior))
+        return self._at_one_moment(lambda: self._tiles.window(corners))
 
     def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.
@@ -341,7 +353,7 @@ class TiledCSpace(ConfigurationMap):
             Maximum number of cells along an axis.
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
-        return self._at_one_moment(lambda: build_overview(self._kept, count))
+        return self._at_one_moment(lambda: build_overview(self._folder, count))
 
     def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
         """Replace a box of workspace cells; update the map.
@@ -362,4 +374,4 @@ class TiledCSpace(ConfigurationMap):
         patch = Patch.of(self.grid, cells, lower, inner)
         with self._lock:
             self._at_one_moment(lambda: None)  # raises if the map is not complete
-            return update_tiles(self._kept.path, patch)
+            return update_tiles(self._folder.path, patch)

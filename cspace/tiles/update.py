@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cspace.files.access import replacing
+from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.save import is_map_folder
 from cspace.tiles.folder import SUMS, TileFolder, as_box, grow, write_attributes
@@ -32,15 +33,16 @@ def update_tiles(path: Path, patch: Patch) -> Update:
         corners = np.stack([first, first + patch.outer.shape])
         reached = folder.clip(grow(corners, folder.reach))
         around = folder.clip(grow(reached, folder.reach))
-        window = tiles.window(around, Exterior(folder.exterior.table.copy()))
+        window = tiles.window(around, Exterior(tiles.frame._exterior.table.copy()))
         update = window.update(patch.outer, first - around[0], inner=patch.inner)
         lower, upper = (tuple((around[0] + end).tolist()) for end in (update.lower, update.upper))
         if not update.occupied:
             return replace(update, lower=lower, upper=upper)
         touched = set(folder.tiles_in(grow(reached, folder.halo)))
         with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
-            for kept in (path / "frame", *(folder.tile_path(i) for i in folder if i not in touched)):
-                shutil.copytree(kept, temporary / kept.name, copy_function=os.link)
+            kept = [folder.tile_path(index) for index in folder if index not in touched]
+            for source in (path / "frame", *kept):
+                shutil.copytree(source, temporary / source.name, copy_function=os.link)
             known = {key: folder.attributes[key] for key in folder.attributes if key not in SUMS}
             write_attributes(temporary, {**known, "updates": known["updates"] + 1})
             new = TileFolder.open(temporary)
@@ -48,14 +50,18 @@ def update_tiles(path: Path, patch: Patch) -> Update:
                 tile, cells = folder.read_tile(index), folder.cells(index)
                 both = np.clip(reached, *cells)
                 here, there = as_box(both - cells[0]), as_box(both - around[0])
-                outer, inner = tile.workspace.outer.copy(), tile.workspace.inner.copy()
-                outer[here], inner[here] = window.workspace.outer[there], window.workspace.inner[there]
-                for states, turn in zip(tile.states, window.slice_rotations, strict=True):
-                    states[here] = window.states_at(turn)[there]
-                workspace = replace(tile.workspace, outer=outer, inner=inner)
-                new.write_tile(index, replace(tile, workspace=workspace))
+                new.write_tile(index, _copy_cells(window._contents, there, tile, here))
             new.complete()
     return replace(update, lower=lower, upper=upper)
+
+
+def _copy_cells(source: Contents, there: tuple[slice, ...], tile: Contents, here: tuple[slice, ...]) -> Contents:
+    """Return a tile with a box of cells from another map."""
+    outer, inner = tile.workspace.outer.copy(), tile.workspace.inner.copy()
+    outer[here] = source.workspace.outer[there]
+    inner[here] = source.workspace.inner[there]
+    tile.states[(slice(None), *here)] = source.states[(slice(None), *there)]
+    return replace(tile, workspace=replace(tile.workspace, outer=outer, inner=inner))
 
 
 @contextmanager

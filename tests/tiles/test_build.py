@@ -206,7 +206,7 @@ def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
     shutil.rmtree(path / "0.1")
     shutil.copytree(built / source, path / "0.1")
     lower = np.array(cspace.open(path).grid.lower)
-    with pytest.raises(FileError, match="tile of another map or another place"):
+    with pytest.raises(FileError, match="not the tile that the map was completed with"):
         cspace.open(path).classify([lower[0] + 0.1, lower[1] + 1.2, 0.0])
 
 
@@ -227,8 +227,9 @@ def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
         {"exterior": [[0, 0, 1, 1, 0]] * 2},
         {"exterior": [[0, 0, 2**62, 1, 1]] * 2},
         {"exterior": "codec"},
-        {"tiles": "0" * 16},
-        {"tiles": 9},
+        {"digests": ["0" * 64]},
+        {"digests": [7] * 9},
+        {"digests": 9},
         {"updates": -1},
         {"inner": "no"},
         {"stamp": 7},

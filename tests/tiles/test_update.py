@@ -75,7 +75,7 @@ def test_a_tile_of_the_map_before_an_update_is_refused(tmp_path):
     space.classify(q)
     shutil.rmtree(tmp_path / "m" / "0.0")
     (tmp_path / "before").rename(tmp_path / "m" / "0.0")
-    with pytest.raises(FileError, match="has changed since the map was complete"):
+    with pytest.raises(FileError, match="not the tile that the map was completed with"):
         cspace.open(tmp_path / "m").classify(q)
 
 
