@@ -256,9 +256,9 @@ def read_map(path: StrPath) -> Contents:
     return read_map_and_attributes(path)[0]
 
 
-def read_map_and_attributes(path: StrPath) -> tuple[Contents, dict[str, Any]]:
-    """Read a saved map and all its attributes, as :func:`read_map`."""
-    attributes, digest = read_root(path, FORMAT)
+def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents, dict[str, Any]]:
+    """Read a map of a format and all its attributes, as :func:`read_map`."""
+    attributes, digest = read_root(path, form)
     with making_map(path):
         for name, kind in _ATTRIBUTE_TYPES.items():
             if not isinstance(attributes.get(name), kind):

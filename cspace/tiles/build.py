@@ -19,10 +19,10 @@ from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.obstacles import Source, changed_source
 from cspace.robot import Robot
-from cspace.save import TILES_FORMAT, is_map_folder, read_format, write_map
+from cspace.save import TILES_FORMAT, is_map_folder, read_format
 from cspace.space import CSpace
 from cspace.threads import cores
-from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_attributes
+from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
 from cspace.tiles.work import run_tasks
 from cspace.workspace import Workspace
 
@@ -78,33 +78,32 @@ def build_tiles(
     FileError if ``store`` holds something else, cannot be written, or the workspace changes.
     """
     grid, stamp = workspace.grid, workspace.cells.stamp
-    frame = make_frame(workspace, robot, **options)
+    frame = make_frame(workspace, robot, proves_blocked=inner, **options)
     slices = len(frame.states)
     sides = resolve_tile(tile, grid.shape, slices)
     rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
     fewer = frame.rotations._argument_for_fewer
     check_memory(rasters, "the map", grid, fewer=fewer, slices=slices, rasters=rasters)
-    attributes = {
-        "shape": list(grid.shape),
-        "tile": list(sides),
-        "stamp": make_stamp(frame, grid.shape, sides, inner, stamp),
+    about = {
+        "shape": grid.shape,
+        "side": sides,
+        "stamp": make_stamp(frame, grid.shape, sides, stamp),
         "source_stamp": stamp,
-        "inner": inner,
         "updates": 0,
     }
-    folder = _open_or_create(Path(store), attributes, frame)
-    if folder.is_done:
+    folder = _open_or_create(Path(store), frame, about)
+    if folder.sums:
         return folder
     job = BuildJob(folder, workspace.cells, build, method)
     return build_missing(job, client, workers, progress)
 
 
-def _open_or_create(path: Path, attributes: dict[str, Any], frame: Contents) -> TileFolder:
+def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
     """Open the folder of a build to resume, or write a new one."""
     if read_format(path) == TILES_FORMAT:
         folder = TileFolder.open(path)
-        given = folder.attributes["stamp"], folder.attributes["updates"]
-        if given == (attributes["stamp"], 0):
+        given = folder.about["stamp"], folder.about["updates"]
+        if given == (about["stamp"], 0):
             return folder
         problem = "has been updated" if given[1] else "holds another map, or one of other obstacles"
         rule = "a build resumes only with the same robot, rotations, options and obstacles"
@@ -112,8 +111,7 @@ def _open_or_create(path: Path, attributes: dict[str, Any], frame: Contents) -> 
         problem, rule = "exists, but is no tiled map", "store must be new, empty or a tiled map"
     else:
         with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
-            write_map(frame, temporary / "frame")
-            write_attributes(temporary, attributes)
+            write_root(temporary, frame, about)
         return TileFolder.open(path)
     raise FileError(str(path), problem, rule, "choose another name, or remove it")
 
@@ -162,13 +160,13 @@ def build_tile(job: BuildJob, index: Index) -> None:
     window = folder.clip(grow(box, folder.reach))
     outer, inner = job.source.read(as_box(window))
     source = frame.workspace.source
-    if job.source.stamp != folder.attributes["source_stamp"]:
+    if job.source.stamp != folder.about["source_stamp"]:
         raise changed_source(source, "its size, time or digest differs")
     space = job.build(
         Workspace(folder.sub_grid(window), outer, inner),
         frame.robot,
         rotations=frame.rotations,
-        inner=folder.attributes["inner"],
+        inner=frame.proves_blocked,
         method=job.method,
         outside=frame.outside,
         margin=frame.margin,

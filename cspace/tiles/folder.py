@@ -1,10 +1,10 @@
 """Folders of tiled maps: a saved map for each tile, and what all tiles share.
 
-A tiled map is a Zarr group. ``zarr.json`` has the shape of the whole grid, the size of a tile, and
-the state of the build. ``frame`` is a saved map of one cell; it has the robot, the rotation cells,
-and the obstacles as shapes. Each tile is a saved map with its own cells, its *interior*, and a
-*halo* of the cells around them, clipped to the grid. It is named by its index, such as ``0.3``, and
-written under another name first, so a tile with its name is complete.
+A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells and
+the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each tile
+is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of the cells
+around them, clipped to the grid. It is named by its index, such as ``0.3``, and written under another
+name first, so a tile with its name is complete.
 
 A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
 resumes. A complete map knows the digests of its tiles, so it refuses all other tiles.
@@ -19,6 +19,7 @@ import math
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +27,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace import __version__
 from cspace.arrays import MIXED, Box, Ints, StrPath
 from cspace.engines.slices import slice_rasters
 from cspace.errors import FileError
@@ -34,7 +34,7 @@ from cspace.files.access import replacing
 from cspace.files.zarr_folders import ROOT_FILE
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.map.description import FORMAT, VERSION, arrays_of, metadata_of
+from cspace.map.description import FORMAT, arrays_of, metadata_of
 from cspace.map.exterior import Exterior
 from cspace.map.storage import count_states
 from cspace.raster import Raster
@@ -42,15 +42,11 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.save import (
     TILES_FORMAT,
-    check_digest,
-    check_exterior,
     is_map_folder,
     making_map,
     map_error,
-    read_map,
     read_map_and_attributes,
     read_root,
-    write_folder,
     write_map,
 )
 from cspace.workspace import Workspace
@@ -63,9 +59,6 @@ MAX_HALO_CELLS: Final = 64
 
 TILE_SIDES_PER_HALO: Final = 16
 """Shortest side of a tile, in widths of its halo; halos then add little to a map."""
-
-SUMS: Final = ("counts", "exterior", "digests")
-"""Attributes of complete maps only."""
 
 Index = tuple[int, ...]
 """Index of a tile along each axis."""
@@ -83,26 +76,31 @@ class TileFolder:
     Attributes
     ----------
     path : Path
-    attributes : mapping
-        ``shape`` of the grid and ``tile``, in cells; ``stamp``, and ``source_stamp`` of the
-        workspace; ``inner``, true if BLOCKED is proven; ``updates``, their number. Once all tiles are
-        complete also ``counts``, the numbers of FREE, MIXED and BLOCKED cells; ``exterior``, the
-        table of the states outside; ``digests`` of all tiles.
+    about : mapping
+        ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of the
+        workspace; ``updates``, their number.
+    sums : mapping or None
+        Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the ``digests`` of
+        all tiles.
     frame : Contents
-        Map of the first cell, with the states outside the grid of a complete map.
+        Map of the first cell; if all tiles are complete, with the states outside the grid.
+    digest : str
+        Digest of the frame and of all attributes.
     moment : tuple
         Changes with every change of the map.
     """
 
     path: Path
-    attributes: Mapping[str, Any]
+    about: Mapping[str, Any]
+    sums: Mapping[str, Any] | None
     frame: Contents
+    digest: str
     moment: tuple[int, int]
 
     @cached_property
     def grid(self) -> Grid:
         """Grid of the whole map."""
-        return self.sub_grid(np.array([[0] * len(self.tile), self.attributes["shape"]]))
+        return self.sub_grid(np.array([[0] * len(self.tile), self.about["shape"]]))
 
     def sub_grid(self, corners: Ints) -> Grid:
         """Return the grid of a box of cells, inside the whole grid or not."""
@@ -113,7 +111,7 @@ class TileFolder:
     @property
     def tile(self) -> tuple[int, ...]:
         """Number of cells of a tile's interior along each axis."""
-        return tuple(self.attributes["tile"])
+        return tuple(self.about["side"])
 
     @property
     def halo(self) -> int:
@@ -141,7 +139,7 @@ class TileFolder:
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """Number of tiles along each axis."""
-        pairs = zip(self.attributes["shape"], self.tile, strict=True)
+        pairs = zip(self.about["shape"], self.tile, strict=True)
         return tuple(-(-n // side) for n, side in pairs)
 
     def __iter__(self) -> Iterator[Index]:
@@ -171,7 +169,7 @@ class TileFolder:
 
     def clip(self, corners: Ints) -> Ints:
         """Return the part of a box in the grid."""
-        return np.clip(corners, 0, self.attributes["shape"])
+        return np.clip(corners, 0, self.about["shape"])
 
     def tiles_in(self, corners: Ints) -> Iterator[Index]:
         """Iterate over the tiles whose interiors meet a box."""
@@ -183,7 +181,7 @@ class TileFolder:
 
         A cell outside the grid counts to the nearest tile.
         """
-        last = np.subtract(self.attributes["shape"], 1)
+        last = np.subtract(self.about["shape"], 1)
         tiles = np.clip(cells[rows], 0, last) // self.tile
         numbers = np.ravel_multi_index(tuple(tiles.T), self.counts)
         order = np.argsort(numbers, kind="stable")
@@ -196,27 +194,22 @@ class TileFolder:
         return self.path / ".".join(map(str, index))
 
     @property
-    def is_done(self) -> bool:
-        """True if all tiles are complete and summed up."""
-        return "counts" in self.attributes
-
-    @property
     def progress(self) -> float:
         """Fraction of complete tiles, below 1 until all are done."""
-        if self.is_done:
+        if self.sums:
             return 1.0
         done = sum(self.tile_path(index).exists() for index in self)
         return min(done / len(self), 1.0 - 2.0**-20)
 
     def read_tile(self, index: Index) -> Contents:
-        """Read a tile as a map whose outside is unknown.
+        """Read a tile of a complete map, as a map whose outside is unknown.
 
         Raises FileError if it is missing, damaged, or not the tile that the map was completed with.
         """
         path, frame = self.tile_path(index), self.frame
         tile, about = read_map_and_attributes(path)
+        digest = self.sums["digests"][self.number(index)] if self.sums else ""
         found = about["digest"], tile.grid, tile.rotations
-        digest = self.attributes["digests"][self.number(index)]
         if found != (digest, self.sub_grid(self.cells(index)), frame.rotations):
             raise map_error(path, "it is not the tile that the map was completed with")
         with making_map(path):
@@ -243,19 +236,11 @@ class TileFolder:
         """
         root = Path(path).absolute()  # workers have other working folders
         moment = find_moment(root)
-        attributes, digest = read_root(root, TILES_FORMAT)
-        check_digest(root, attributes, digest)
-        frame = read_map(root / "frame")
+        frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
         with making_map(root):
-            folder = cls(root, attributes, frame, moment)
+            folder = cls(root, attributes["tiles"], attributes["sums"], frame, attributes["digest"], moment)
             _check_attributes(folder)
-            if folder.is_done:
-                table = np.array(attributes["exterior"], dtype=np.int64)
-                table = table.reshape(folder.slices, 2 * frame.grid.dim + 1)
-                frame = replace(frame, exterior=check_exterior(table, frame.outside))
-            if attributes["updates"]:  # the shapes of the obstacles are those before
-                frame = replace(frame, workspace=replace(frame.workspace, shapes=None))
-            return replace(folder, frame=frame)
+            return folder
 
     def complete(self) -> TileFolder:
         """Sum up the tiles and write the sums; return the complete folder."""
@@ -266,13 +251,13 @@ class TileFolder:
         if len(boxes):
             box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
         rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
-        sums = {
-            "counts": np.sum([tile["counts"] for tile in tiles], axis=0).tolist(),
-            "exterior": Exterior.around(shape, box, rasters, frame.outside).table.tolist(),
-            "digests": [tile["digest"] for tile in tiles],
-        }
+        exterior = Exterior.around(shape, box, rasters, frame.outside)
+        counts = np.sum([tile["counts"] for tile in tiles], axis=0).tolist()
+        sums = {"counts": counts, "digests": [tile["digest"] for tile in tiles]}
         temporary = self.path / f".cspace-{uuid.uuid4().hex[:12]}"
-        write_attributes(temporary, {**self.attributes, **sums})
+        write_root(temporary, replace(frame, exterior=exterior), self.about, sums)
+        with suppress(OSError):  # another build of the map has just written the same
+            (temporary / "exterior").rename(self.path / "exterior")
         (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
         for unused in self.path.glob(".cspace-*"):
             shutil.rmtree(unused, ignore_errors=True)
@@ -319,30 +304,26 @@ def make_stamp(frame: Contents, *others: Any) -> str:
     return digest.hexdigest()
 
 
-def write_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
-    """Write the attributes of a tiled map into a folder."""
-    about = {"format": TILES_FORMAT, "format_version": VERSION, "library_version": __version__}
-    known = {key: attributes[key] for key in attributes if key not in (*about, "digest")}
-    write_folder(path, {**about, **known})
+def write_root(path: Path, frame: Contents, about: Mapping[str, Any], sums: Mapping[str, Any] | None = None) -> None:
+    """Write what all tiles of a map share into a folder."""
+    write_map(frame, path, format=TILES_FORMAT, tiles=about, sums=sums)
 
 
 def _check_attributes(folder: TileFolder) -> None:
     """Raise ValueError, or any other error, if attributes make no tiled map."""
-    about, dim = folder.attributes, folder.frame.grid.dim
-    counts, digests = about.get("counts", [0, 0, 0]), about.get("digests", [""])
-    sizes = [*about["shape"], *about["tile"]]
-    numbers = [*sizes, *counts, about["updates"], about["inner"]]
-    lengths = len(about["shape"]), len(about["tile"]), len(counts)
-    if not all(isinstance(n, int) and n >= 0 for n in numbers) or min(sizes) < 1:
-        raise ValueError("its sizes are no numbers of cells")
-    if lengths != (dim, dim, 3) or {name in about for name in SUMS} != {folder.is_done}:
-        raise ValueError("its attributes do not fit together")
-    if not all(isinstance(text, str) for text in (about["stamp"], *digests)):
-        raise ValueError("its digests are no texts")
-    _ = folder.grid  # raises if there is no such grid
-    cells = math.prod(about["shape"]) * len(folder.frame.slice_of)
-    if folder.is_done and (sum(counts), len(digests)) != (cells, len(folder)):
-        raise ValueError("its counts differ from its numbers of cells and tiles")
+    about, sums, cells = folder.about, folder.sums, folder.grid.size
+    numbers = [*folder.tile, 1 + about["updates"]]
+    if not all(isinstance(n, int) and n > 0 for n in numbers) or len(folder.tile) != folder.grid.dim:
+        raise ValueError(f"its tiles have the sides {folder.tile}")
+    if not isinstance(about["stamp"], str):
+        raise ValueError("its stamp is no text")
+    if sums is None:
+        return
+    free, mixed, blocked = sums["counts"]
+    if free + mixed + blocked != cells * len(folder.frame.slice_of) or min(free, mixed, blocked) < 0:
+        raise ValueError("its counts differ from its number of cells")
+    if len(sums["digests"]) != len(folder) or folder.frame.exterior is None:
+        raise ValueError("it is not complete")
 
 
 def unfinished_map_error(folder: TileFolder) -> FileError:

@@ -107,7 +107,7 @@ def compute_components(folder: TileFolder, client: Client | None, progress: Prog
 
     needed = LABEL_BYTES_PER_STATE * folder.slices * float(np.prod(folder.tile))
     found = run_tasks(label_tile, folder, list(folder), needed, client, None, advance)
-    joined: dict[str, Any] = {"key": folder.attributes["digest"]}
+    joined: dict[str, Any] = {"key": folder.digest}
     for kind in KINDS:
         counts = [labels[kind][0] for labels in found]
         offsets = np.cumsum([0, *counts], dtype=np.int64)
@@ -186,7 +186,7 @@ class TiledComponents:
         with np.load(path, allow_pickle=False) as opened:
             check_bytes(path, sum(part.file_size for part in opened.zip.infolist()), "unpacks to")
             saved = dict(opened)
-        if str(saved["key"]) != self._folder.attributes["digest"]:
+        if str(saved["key"]) != self._folder.digest:
             raise ValueError("they are of another state of the map")
         for kind in KINDS:
             offsets, pairs = saved[f"offsets_{kind}"], saved[f"pairs_{kind}"]

@@ -96,7 +96,7 @@ class TiledCSpace(ConfigurationMap):
         with self._lock:
             while True:
                 self._follow()
-                if not self._folder.is_done:
+                if not self._folder.sums:
                     raise unfinished_map_error(self._folder)
                 try:
                     result = work()
@@ -143,7 +143,7 @@ class TiledCSpace(ConfigurationMap):
     def version(self) -> int:
         """Number of updates since the build."""
         self._follow()
-        return int(self._folder.attributes["updates"])
+        return int(self._folder.about["updates"])
 
     @property
     def grid(self) -> Grid:
@@ -160,7 +160,7 @@ class TiledCSpace(ConfigurationMap):
 
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
-        free, mixed, blocked = self._at_one_moment(lambda: self._folder.attributes["counts"])
+        free, mixed, blocked = self._at_one_moment(lambda: dict(self._folder.sums or {})["counts"])
         return free, mixed, blocked
 
     @property

@@ -15,7 +15,7 @@ from cspace.files.access import replacing
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.save import is_map_folder
-from cspace.tiles.folder import SUMS, TileFolder, as_box, grow, write_attributes
+from cspace.tiles.folder import TileFolder, as_box, grow, write_root
 from cspace.tiles.parts import OpenTiles
 from cspace.update import Patch, Update
 
@@ -41,10 +41,11 @@ def update_tiles(path: Path, patch: Patch) -> Update:
         touched = set(folder.tiles_in(grow(reached, folder.halo)))
         with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
             kept = [folder.tile_path(index) for index in folder if index not in touched]
-            for source in (path / "frame", *kept):
+            for source in kept:
                 shutil.copytree(source, temporary / source.name, copy_function=os.link)
-            known = {key: folder.attributes[key] for key in folder.attributes if key not in SUMS}
-            write_attributes(temporary, {**known, "updates": known["updates"] + 1})
+            cell = replace(folder.frame.workspace, shapes=None)  # shapes no longer describe the cells
+            frame = replace(folder.frame, workspace=cell, exterior=None)
+            write_root(temporary, frame, {**folder.about, "updates": folder.about["updates"] + 1})
             new = TileFolder.open(temporary)
             for index in touched:
                 tile, cells = folder.read_tile(index), folder.cells(index)

@@ -1,5 +1,6 @@
 """Tiled builds: equality with the map in memory, interruptions and refusals."""
 
+import json
 import multiprocessing
 import os
 import re
@@ -171,7 +172,7 @@ def built(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", ["zarr.json", "frame/zarr.json", "frame/slice_of/c/0"])
+@pytest.mark.parametrize("name", ["zarr.json", "slice_of/zarr.json", "slice_of/c/0", "exterior/c/0/0"])
 @pytest.mark.parametrize("change", ["flip", "cut", "remove"])
 def test_damaged_shared_files_are_refused_by_open(built, tmp_path, name, change):
     path = shutil.copytree(built / "m", tmp_path / "m")
@@ -213,34 +214,37 @@ def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
 @pytest.mark.parametrize(
     "change",
     [
-        {"shape": [20]},
-        {"shape": [20, 0]},
-        {"shape": [20, "b"]},
-        {"shape": None},
-        {"tile": [8, 0]},
-        {"tile": [8, 8, 8]},
-        {"tile": 8},
-        {"counts": [1, 2]},
-        {"counts": [1, 2, 3]},
-        {"counts": [-1, 1, 1360]},
-        {"exterior": [[0, 0, 1, 1, 1]]},
-        {"exterior": [[0, 0, 1, 1, 0]] * 2},
-        {"exterior": [[0, 0, 2**62, 1, 1]] * 2},
-        {"exterior": "codec"},
-        {"digests": ["0" * 64]},
-        {"digests": [7] * 9},
-        {"digests": 9},
-        {"updates": -1},
+        {"tiles": None},
+        {"tiles": {"shape": [20]}},
+        {"tiles": {"shape": [20, 0]}},
+        {"tiles": {"shape": [20, "b"]}},
+        {"tiles": {"shape": None}},
+        {"tiles": {"side": [8, 0]}},
+        {"tiles": {"side": [-8, -8]}},
+        {"tiles": {"side": [8, 8, 8]}},
+        {"tiles": {"side": 8}},
+        {"tiles": {"updates": -1}},
+        {"tiles": {"updates": "none"}},
+        {"tiles": {"stamp": 7}},
+        {"sums": 3},
+        {"sums": {"counts": [1, 2]}},
+        {"sums": {"counts": [1, 2, 3]}},
+        {"sums": {"counts": [-1, 1, 1360]}},
+        {"sums": {"digests": ["0" * 64]}},
+        {"sums": {"digests": 9}},
+        {"arrays": "cell_states outer slice_of x y yaw yaw_bounds covering_angle shapes"},
         {"inner": "no"},
-        {"stamp": 7},
         {"format_version": 5},
-        {"format": "cspace-map"},
+        {"format": "cspace-map-of-maps"},
     ],
     ids=str,
 )
 def test_forged_attributes_are_refused_by_open(built, tmp_path, change):
     path = shutil.copytree(built / "m", tmp_path / "m")
-    reseal(path, **change)
+    attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
+    for name, value in change.items():
+        attributes[name] = {**attributes[name], **value} if isinstance(value, dict) else value
+    reseal(path, **attributes)
     with pytest.raises(FileError):
         cspace.open(path)
 
