@@ -342,6 +342,8 @@ def _make_contents(attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[st
     if outside not in (*OUTSIDES, UNKNOWN):
         raise ValueError(f"its outside is {outside!r}")
     proves_blocked = attributes.get("inner")
+    if proves_blocked not in (None, 0, 1):
+        raise ValueError(f"its inner is {proves_blocked!r:.40}")
     return Contents(
         _make_workspace(attributes, grid, arrays, shapes),
         robot,

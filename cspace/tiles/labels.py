@@ -21,7 +21,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array, csgraph
 
-from cspace.arrays import FREE, MIXED, Ints
+from cspace.arrays import Ints
 from cspace.files.access import replacing
 from cspace.limits import check_bytes
 from cspace.map.components import Components
@@ -33,9 +33,6 @@ from cspace.tiles.work import run_tasks
 
 if TYPE_CHECKING:
     from distributed import Client
-
-KINDS: Final = (FREE, MIXED)
-"""Kinds of components, by the highest state of their cells."""
 
 LABEL_FILE: Final = "components.npz"
 """Name of the file with the joined nodes of all tiles, in the folder of the map."""
@@ -52,25 +49,21 @@ MAX_REGIONS: Final = 8
 Progress = Callable[[int, int], None]
 """Called with the number of tiles done, and of all tiles."""
 
+Layers = list[Ints]
+"""Nodes of the cells of the first and the last layer of a region along each axis, or -1."""
 
-class Region:
-    """Nodes of a tile's region."""
 
-    def __init__(self, folder: TileFolder, index: Index, tile: Contents) -> None:
-        self._corners = folder.clip(folder.interior(index) + ONE_MORE)
-        own = as_box(self._corners - folder.cells(index)[0])
-        closed = np.zeros(folder.slices, dtype=np.bool_)
-        neighbors = folder.frame.rotations._neighbors
-        self._components = Components(tile.states[(slice(None), *own)], tile.slice_of, neighbors, closed)
+def label_region(folder: TileFolder, index: Index, tile: Contents) -> Components:
+    """Return the components of a tile's region, whose first cell is that of the interior."""
+    region = folder.clip(folder.interior(index) + ONE_MORE)
+    own = as_box(region - folder.cells(index)[0])
+    closed = np.zeros(folder.slices, dtype=np.bool_)
+    return Components(tile.states[(slice(None), *own)], tile.slice_of, tile.rotations._neighbors, closed)
 
-    def count(self, kind: int) -> int:
-        """Return the number of nodes of a kind."""
-        return self._components.count(kind == MIXED)
 
-    def find(self, cells: Ints, kind: int) -> Ints:
-        """Return the nodes of cells of the whole map, shape (n, 1 + d), or -1."""
-        inner = cells - np.array([0, *self._corners[0]])
-        return self._components.of(inner, kind == MIXED)
+def find_in_region(folder: TileFolder, index: Index, region: Components, cells: Ints, mixed: bool) -> Ints:
+    """Return the components in a region of cells of the whole map, shape (n, 1 + d), or -1."""
+    return region.of(cells - np.array([0, *folder.interior(index)[0]]), mixed)
 
 
 def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
@@ -89,13 +82,16 @@ def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
     return layers
 
 
-def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, list[Ints]]]:
-    """Label a region, as a task.
+def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, Layers]]:
+    """Label the FREE cells and the open cells of a region, as a task.
 
-    Return, for each kind, the number of nodes, and the nodes of the cells of each layer.
+    Return, for each, the number of nodes and the nodes of the layers.
     """
-    region, layers = Region(folder, index, folder.read_tile(index)), list_layers(folder, index)
-    return [(region.count(kind), [region.find(layer, kind) for layer in layers]) for kind in KINDS]
+    region, layers = label_region(folder, index, folder.read_tile(index)), list_layers(folder, index)
+    return [
+        (region.count(mixed), [find_in_region(folder, index, region, layer, mixed) for layer in layers])
+        for mixed in (False, True)
+    ]
 
 
 def compute_components(folder: TileFolder, client: Client | None, progress: Progress | None) -> dict[str, Any]:
@@ -108,30 +104,33 @@ def compute_components(folder: TileFolder, client: Client | None, progress: Prog
     needed = LABEL_BYTES_PER_STATE * folder.slices * float(np.prod(folder.tile))
     found = run_tasks(label_tile, folder, list(folder), needed, client, None, advance)
     joined: dict[str, Any] = {"key": folder.digest}
-    for kind in KINDS:
-        counts = [labels[kind][0] for labels in found]
-        offsets = np.cumsum([0, *counts], dtype=np.int64)
+    for mixed in (False, True):
+        labels = [each[mixed] for each in found]
+        offsets = np.cumsum([0, *(count for count, _ in labels)], dtype=np.int64)
         nodes = {
-            index: [np.where(layer >= 0, layer + first, -1) for layer in labels[kind][1]]
-            for index, labels, first in zip(folder, found, offsets, strict=False)
+            index: [np.where(layer >= 0, layer + first, -1) for layer in layers]
+            for index, first, (_, layers) in zip(folder, offsets, labels, strict=False)
         }
-        exterior = find_exterior_nodes(folder, int(offsets[-1]), kind)
-        joined[f"offsets_{kind}"] = offsets
-        joined[f"pairs_{kind}"] = join_tiles(folder, nodes, exterior)
+        exterior = find_exterior_nodes(folder, int(offsets[-1]), mixed)
+        joined[f"offsets_{mixed:d}"] = offsets
+        joined[f"pairs_{mixed:d}"] = join_tiles(folder, nodes, exterior)
     return joined
 
 
-def find_exterior_nodes(folder: TileFolder, first: int, kind: int) -> Ints:
-    """Return the node of the exterior at each rotation cell, or -1 if it is not of a kind."""
+def find_exterior_nodes(folder: TileFolder, first: int, mixed: bool) -> Ints:
+    """Return the node of the exterior at each rotation cell, or -1 if it is closed.
+
+    No exterior counts as FREE.
+    """
     frame = folder.frame
     nodes = first + np.arange(len(frame.slice_of))
-    if frame.exterior is None or kind == FREE:
+    if frame.exterior is None or not mixed:
         return np.full_like(nodes, -1)
     closed = frame.exterior.is_all_blocked(folder.grid.shape)
     return np.where(closed[frame.slice_of], -1, nodes)
 
 
-def join_tiles(folder: TileFolder, nodes: Mapping[Index, list[Ints]], exterior: Ints) -> Ints:
+def join_tiles(folder: TileFolder, nodes: Mapping[Index, Layers], exterior: Ints) -> Ints:
     """Return the distinct pairs of joined nodes, shape (n, 2)."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
 
@@ -167,6 +166,9 @@ class TiledComponents:
 
     def __init__(self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None) -> None:
         self._tiles, self._folder = tiles, tiles.folder
+        self._offsets: list[Ints]
+        self._graphs: list[Any]
+        self._roots: list[Ints]
         self._region = lru_cache(MAX_REGIONS)(self._label_region)
         path = self._folder.path / LABEL_FILE
         try:
@@ -188,53 +190,49 @@ class TiledComponents:
             saved = dict(opened)
         if str(saved["key"]) != self._folder.digest:
             raise ValueError("they are of another state of the map")
-        for kind in KINDS:
-            offsets, pairs = saved[f"offsets_{kind}"], saved[f"pairs_{kind}"]
-            shapes, types = (offsets.shape, pairs.shape[1:]), {offsets.dtype, pairs.dtype}
-            if shapes != ((len(self._folder) + 1,), (2,)) or types != {np.dtype(np.int64)}:
-                raise ValueError("they have other sizes")
-            if offsets[0] != 0 or (np.diff(offsets) < 0).any():
-                raise ValueError("their tiles overlap")
         return saved
 
     def _take(self, saved: Mapping[str, Any]) -> None:
-        """Join the nodes; raise ValueError if they do not exist."""
-        rotations = len(self._folder.frame.slice_of)
-        self._offsets = [saved[f"offsets_{kind}"] for kind in KINDS]
-        self._graphs = [
-            make_graph(int(offsets[-1]) + rotations, saved[f"pairs_{kind}"])
-            for kind, offsets in zip(KINDS, self._offsets, strict=True)
-        ]
-        self._roots = [csgraph.connected_components(graph, directed=False)[1] for graph in self._graphs]
+        """Join the nodes; raise ValueError if they are not of the map."""
+        folder = self._folder
+        self._offsets, self._graphs, self._roots = [], [], []
+        for number in range(2):
+            offsets, pairs = saved[f"offsets_{number}"], saved[f"pairs_{number}"]
+            if offsets.shape != (len(folder) + 1,) or offsets[0] != 0 or (np.diff(offsets) < 0).any():
+                raise ValueError("they are of other tiles")
+            if pairs.shape[1:] != (2,) or {offsets.dtype, pairs.dtype} != {np.dtype(np.int64)}:
+                raise ValueError("they are no pairs of nodes")
+            graph = make_graph(int(offsets[-1]) + len(folder.frame.slice_of), pairs)
+            self._offsets.append(offsets)
+            self._graphs.append(graph)
+            self._roots.append(csgraph.connected_components(graph, directed=False)[1])
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.
 
         Cells are FREE, or with ``mixed`` not BLOCKED.
         """
-        kind = MIXED if mixed else FREE
-        nodes = self._find_nodes(cells, kind)
-        return np.where(nodes >= 0, self._roots[kind][nodes], -1)
+        nodes = self._find_nodes(cells, mixed)
+        return np.where(nodes >= 0, self._roots[mixed][nodes], -1)
 
-    def _find_nodes(self, cells: Ints, kind: int) -> Ints:
+    def _find_nodes(self, cells: Ints, mixed: bool) -> Ints:
         """Return the nodes of cells, or -1."""
         folder, places = self._folder, cells[:, 1:]
-        offsets = self._offsets[kind]
+        offsets = self._offsets[mixed]
+        nodes = find_exterior_nodes(folder, int(offsets[-1]), mixed)[cells[:, 0]]
         inside = ((places >= 0) & (places < folder.grid.shape)).all(axis=1)
-        nodes = find_exterior_nodes(folder, int(offsets[-1]), kind)[cells[:, 0]]
         for index, rows in folder.group_by_tile(places, np.flatnonzero(inside)):
-            found = self._region(index).find(cells[rows], kind)
+            found = find_in_region(folder, index, self._region(index), cells[rows], mixed)
             first = offsets[folder.number(index)]
             nodes[rows] = np.where(found >= 0, first + found, -1)
         return nodes
 
-    def _label_region(self, index: Index) -> Region:
+    def _label_region(self, index: Index) -> Components:
         """Label the region of a tile."""
-        region = Region(self._folder, index, self._tiles.part(index)._contents)
+        region = label_region(self._folder, index, self._tiles.part(index)._contents)
         number = self._folder.number(index)
-        for kind in KINDS:
-            first, stop = self._offsets[kind][number : number + 2]
-            if stop - first != region.count(kind):
+        for mixed, offsets in enumerate(self._offsets):
+            if offsets[number + 1] - offsets[number] != region.count(bool(mixed)):
                 raise map_error(self._folder.path / LABEL_FILE, "it is of another map")
         return region
 
@@ -244,23 +242,23 @@ class TiledComponents:
         It passes through FREE cells only, and is empty if none join the two. The crossings, shape
         (len(tiles) - 1, 1 + d), are FREE cells in the shared layer of a tile and the next one.
         """
-        crossings = np.empty((0, len(start)), dtype=np.int64)
-        first, last = self._find_nodes(np.stack([start, goal]), FREE).tolist()
-        if min(first, last) < 0 or self._roots[FREE][first] != self._roots[FREE][last]:
-            return [], crossings
-        before = csgraph.breadth_first_order(self._graphs[FREE], first, directed=False)[1]
+        offsets, roots = self._offsets[False], self._roots[False]
+        crossings = [start]
+        first, last = self._find_nodes(np.stack([start, goal]), mixed=False).tolist()
+        if min(first, last) < 0 or roots[first] != roots[last]:
+            return [], np.empty((0, len(start)), dtype=np.int64)
+        before = csgraph.breadth_first_order(self._graphs[False], first, directed=False)[1]
         nodes = [last]
         while nodes[-1] != first:
             nodes.append(int(before[nodes[-1]]))
         nodes.reverse()
-        numbers = np.searchsorted(self._offsets[FREE], nodes, side="right") - 1
+        numbers = np.searchsorted(offsets, nodes, side="right") - 1
         tiles = [tuple(map(int, np.unravel_index(k, self._folder.counts))) for k in numbers]
-        labels = nodes - self._offsets[FREE][numbers]
+        labels = nodes - offsets[numbers]
         for k in range(len(tiles) - 1):
-            begin = crossings[-1] if k else start
-            cell = self._find_crossing(tiles[k : k + 2], labels[k : k + 2], begin, goal)
-            crossings = np.vstack([crossings, cell])
-        return tiles, crossings
+            pair = slice(k, k + 2)
+            crossings.append(self._find_crossing(tiles[pair], labels[pair], crossings[-1], goal))
+        return tiles, np.stack(crossings)[1:]
 
     def _find_crossing(self, tiles: list[Index], labels: Ints, start: Ints, goal: Ints) -> Ints:
         """Return a cell of the layer that two tiles share, with a given label in each.
@@ -271,7 +269,7 @@ class TiledComponents:
         upper = max(tiles)  # the two differ along one axis
         axis = int(np.flatnonzero(np.diff(tiles, axis=0))[0])
         cells = list_layers(self._folder, upper)[2 * axis]
-        here, there = (self._region(tile).find(cells, FREE) for tile in tiles)
+        here, there = (find_in_region(self._folder, tile, self._region(tile), cells, mixed=False) for tile in tiles)
         sides = np.delete(np.diff(self._folder.interior(upper), axis=0), axis)
         common = ((here == labels[0]) & (there == labels[1])).reshape(-1, *sides)
         padded = distance_transform_edt(np.pad(common, 1))

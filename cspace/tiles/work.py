@@ -42,53 +42,40 @@ def run_tasks(
 ) -> list[Any]:
     """Return ``task(shared, tile)`` for each tile, run in threads or on a cluster.
 
-    ``needed`` is the memory of one task, in bytes. Raises InputError if that exceeds the memory,
-    CspaceError if the cluster fails, and any error of a task.
+    ``needed`` is the memory of one task, in bytes; threads are as many as fit. Raises InputError if one
+    does not fit, or if the cluster fails, and any error of a task.
     """
     if not tiles:
         return []
     if client is not None:
-        return _run_on_cluster(task, shared, tiles, needed, client, progress)
+        return _run_on_cluster(task, shared, tiles, client, progress)
     free = MAX_MEMORY_FRACTION * free_bytes()
-    _check_memory(needed, free)
-    threads = min(workers or cores(), len(tiles), int(free // needed))
+    if needed > free:
+        problem = f"is so large that a task needs {bytes_text(needed)}"
+        raise InputError("tile", problem, f"{bytes_text(free)} are available", "use a smaller tile", value=needed)
+    threads = min(workers or cores(), int(free // needed))
     return in_threads(partial(task, shared), tiles, threads, progress)
 
 
-def _check_memory(needed: float, free: float) -> None:
-    """Raise InputError if a task exceeds the memory of a worker."""
-    if needed > free:
-        problem = f"is so large that a task needs {bytes_text(needed)}"
-        rule = f"{bytes_text(free)} are available"
-        hint = "use a smaller tile, or workers with more memory"
-        raise InputError("tile", problem, rule, hint, value=needed)
-
-
 def _run_on_cluster(
-    task: Task,
-    shared: Any,
-    tiles: Sequence[Index],
-    needed: float,
-    client: Any,
-    progress: Progress | None,
+    task: Task, shared: Any, tiles: Sequence[Index], client: Any, progress: Progress | None
 ) -> list[Any]:
     """Return the results of tasks that run on the workers of a cluster."""
     distributed = import_optional("distributed", DASK_USE, "distributed")
-    results: dict[Index, Any] = {}
-    futures: dict[Any, Index] = {}
+    futures: list[Any] = []
     try:
-        _check_workers(client, needed)
+        _check_workers(client)
         # Every worker gets a copy and keeps it for all its tasks.
         given = client.scatter(shared, hash=False, broadcast=True)
-        made = client.map(_run_task, list(tiles), task=task, shared=given, pure=False, retries=TASK_RETRIES)
-        futures.update(zip(made, tiles, strict=True))
-        for future, result in distributed.as_completed(made, with_results=True):
+        futures = client.map(_run_task, list(tiles), task=task, shared=given, pure=False, retries=TASK_RETRIES)
+        results = {}
+        for future, result in distributed.as_completed(futures, with_results=True):
             if future.status != "finished":  # the scheduler has died
                 raise TimeoutError(f"a task was {future.status}")
-            results[futures[future]] = result
+            results[future.key] = result
             if progress is not None:
                 progress(len(results))
-        return [results[tile] for tile in tiles]
+        return [results[future.key] for future in futures]
     except CspaceError:
         raise
     except (Exception, asyncio.CancelledError) as error:  # of any class if the scheduler dies
@@ -100,7 +87,7 @@ def _run_on_cluster(
         raise
     finally:
         with suppress(Exception):  # the scheduler may be gone
-            client.cancel(list(futures))
+            client.cancel(futures)
 
 
 def _run_task(index: Index, task: Task, shared: Any) -> Any:
@@ -113,26 +100,20 @@ def _run_task(index: Index, task: Task, shared: Any) -> Any:
         raise
 
 
-def _check_workers(client: Any, needed: float) -> None:
-    """Raise InputError if a worker has another version of cspace, or too little memory."""
+def _check_workers(client: Any) -> None:
+    """Raise InputError if there is no worker, or one has another version of cspace."""
 
     # Sent by value, because a worker may lack this module.
-    def describe_worker(dask_worker: Any) -> tuple[str, Any]:
-        limit = getattr(dask_worker.memory_manager, "memory_limit", None)
+    def find_version() -> str:
         try:
-            version = str(import_module("cspace").__version__)
+            return str(import_module("cspace").__version__)
         except ImportError:
-            version = "none"
-        return version, limit and limit / max(1, dask_worker.state.nthreads)
+            return "none"
 
-    answers = list(client.run(describe_worker).values())
-    if not answers:
+    versions = set(client.run(find_version).values())
+    if not versions:
         raise InputError("client", "has no workers", "tasks run on them", "start one, e.g. dask worker")
-    versions = {version for version, _ in answers}
     if versions != {__version__}:
         problem = f"has workers with cspace {', '.join(sorted(versions))}"
         rule = f"all must have cspace {__version__}, like this process"
         raise InputError("client", problem, rule, "install it there and restart them", value=versions)
-    limits = [limit for _, limit in answers if limit]
-    if limits:
-        _check_memory(needed, min(limits))

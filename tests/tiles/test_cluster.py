@@ -240,12 +240,6 @@ def test_remaining_workers_finish_the_build(live, tmp_path):
     check_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
 
 
-def test_tile_that_exceeds_the_memory_of_a_worker_is_rejected(live, tmp_path, monkeypatch):
-    monkeypatch.setattr("cspace.tiles.build.bytes_to_build", lambda folder: 3e9)  # a worker has 2e9
-    with live.client(1) as client, pytest.raises(InputError, match="use a smaller tile"):
-        cspace.build(random_workspace((40, 30)), CAR, store=tmp_path / "b", tile=20, client=client)
-
-
 def test_build_resumes_after_the_scheduler_is_killed(live, tmp_path):
     # The next call builds the rest without the cluster.
     workspace = random_workspace((300, 250))
