@@ -48,7 +48,7 @@ FILES_WITHOUT_KERNELS: Final = (
 )
 """Files that kernels depend on; the last three have constants that are compiled into kernels."""
 
-_KERNELS: Final = re.compile(rb"^@(kernel|inlined|allocating|jit|always_inline|compilable)\b", re.MULTILINE)
+_KERNELS: Final = re.compile(rb"^@(kernel|inlined|allocating)\b", re.MULTILINE)
 
 _CONFIG: Final[Any] = numba.config
 _CONFIG_LOCK: Final = threading.Lock()

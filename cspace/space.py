@@ -76,7 +76,7 @@ class MemoryBackend:
     map_: Map
     lock: Any
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query; see :class:`cspace.configuration_map.Backend`."""
         return in_threaded_chunks(partial(kernel, self.map_, *arguments), least)
 

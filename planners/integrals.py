@@ -101,7 +101,7 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any, count: int)
             return Values(CLEARANCES, field.whole(), np.empty(0))
         if field is None:
             return Values(NO_VALUES, no_distances, np.empty(0))
-        return Values(OVERLAPS, no_distances, field)
+        return Values(OVERLAPS, no_distances, field.reshape(-1))
 
     query = bind_kernel(kernel, (space._kernel_map,), values(), *fixed, (0.0,) * count)
     return lambda *numbers: query(values(), *fixed, numbers)

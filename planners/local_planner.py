@@ -369,7 +369,7 @@ class EdgesOnMap(LocalPlanner):
 
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which proves a configuration free."""
-        return self.space.point_checker(exact=self.exact)
+        return map_in_memory(self.space, "point_checker").point_checker(exact=self.exact)
 
     def clearance_checker(self) -> Callable[..., float]:
         """Make ``clearance(*q)``, a lower bound of the clearance, metres."""
@@ -378,7 +378,7 @@ class EdgesOnMap(LocalPlanner):
     def straight_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves a straight edge free.
 
-        The map may be in a store.
+        The map may be tiled.
         """
         space: ConfigurationMap = self.space
         if isinstance(space, CSpace):
@@ -420,11 +420,14 @@ class EdgesOnMap(LocalPlanner):
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below, metres.
 
-        Returns NaN if the map has no geometry. Each edge is split into pieces on which no point of the robot moves by
-        more than half a cell. Each point stays within a quarter of a cell of its position at the piece's center. The
-        distance there minus that much bounds the piece.
+        Returns NaN if the map has no geometry, or is tiled. Each edge is split into pieces on which no point of the
+        robot moves by more than half a cell. Each point stays within a quarter of a cell of its position at the piece's
+        center. The distance there minus that much bounds the piece.
         """
-        space, step = self.space, 0.25 * self.space.grid.spacing
+        given: object = self.space
+        if not isinstance(given, CSpace):
+            return math.nan
+        space, step = given, 0.25 * given.grid.spacing
         pieces = self._split_or_point(path, step, step / max(space.robot.span, step))
         try:
             distance = space.obstacle_distance(pieces.centers, pieces.lengths, pieces.rotations)
@@ -881,7 +884,7 @@ class CarCurves(EdgesOnMap):
         return lambda *q: prove(*q) >= 0.0
 
     def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge is proven free, also in a store."""
+        """Return whether each edge is proven free, also in a tiled map."""
         given: object = self.space
         if isinstance(given, CSpace):
             return super().edges_are_free(path)
@@ -1033,6 +1036,14 @@ def local_planner(
         hint = "for a robot that turns on the spot, use drive='differential'"
         raise InputError("turning_radius", f"is {radius!r}", rule, hint, value=radius)
     return curves
+
+
+def map_in_memory(space: object, needed_by: str) -> CSpace:
+    """Return a map; raise ConfigurationError if it stays in its folder."""
+    if isinstance(space, CSpace):
+        return space
+    hint = "use a part of it: space.window(lower, upper)"
+    raise ConfigurationError(needed_by, "needs a map in memory", "this one stays in its folder", hint)
 
 
 def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:

@@ -19,7 +19,7 @@ from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.words import Drive
 from planners.integrals import CostDensity, Field, make_edge_cost
-from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, local_planner
+from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, local_planner, map_in_memory
 from planners.states import check_information, kind_of
 
 DEFAULT_WEIGHT: Final = 10.0
@@ -241,7 +241,9 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
     Raises InputError if there is neither, or the field belongs to another map.
     """
-    found: OverlapField | None = space.overlap_field if field is None else field
+    found: OverlapField | None = field
+    if field is None:
+        found = map_in_memory(space, "overlap_field").overlap_field
     if found is None:
         hint = "pass one, or plan on space.with_overlap_field(overlap)"
         raise InputError("field", "is missing, and the map carries none", "the objective needs a field", hint)

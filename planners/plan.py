@@ -174,7 +174,7 @@ def plan(
     FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no
     path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
 
-    *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
+    *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
     part of each common face. Only tiles on the way are opened, and the time limit holds for each tile. If the drive is
     holonomic, "Grid" takes over in tiles where the planner finds no path. Straight paths are then shortened as a whole.
     Objectives and drives apply tile by tile; ``exact`` and "overlap" need a map in memory.
@@ -215,7 +215,7 @@ def plan(
         - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE cells join start and
           goal; deterministic.
         - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and of these the
-          shortest; deterministic unless the time limit ends it; not for maps in a store.
+          shortest; deterministic unless the time limit ends it; not for tiled maps.
         - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others (2008); deterministic.
         - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code. It goes on to
           shorten its path while that gains 1 %, at most until the time limit; not with ``simplify=False``.
@@ -414,7 +414,7 @@ def _check_built_in_search(task: _Task) -> None:
             raise InputError(option, problem, rules[option], hint, value=value)
     if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
         rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
-        raise InputError("planner", f"is {name!r} and the map is in a store", rule, hint, value=name)
+        raise InputError("planner", f"is {name!r} and the map is tiled", rule, hint, value=name)
 
 
 def _check_iterations(value: int | None, planner: PlannerName) -> int | None:

@@ -186,7 +186,7 @@ class Plan:
         arm, distances between links count too. The bound is at most a quarter of a cell below the true minimum, and at
         least the margin. It is infinite if there is no obstacle, and zero if the path is no longer proven free.
 
-        NaN if not solved, or if the map was left behind (except for an arm) or lies in a store. Also NaN if the
+        NaN if not solved, or if the map was left behind (except for an arm) or is tiled. Also NaN if the
         interior of a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges

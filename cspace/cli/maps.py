@@ -106,7 +106,7 @@ def make(
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
     from cspace.files.formats import read_dimension
-    from cspace.store import MAP_SUFFIXES
+    from cspace.save import MAP_SUFFIXES
     from cspace.workspace import Workspace, reader_of
 
     cells = parse_rotation_cells(inputs.rotations)

@@ -21,7 +21,7 @@ from cspace.files.access import check_suffix, replacing
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
-from cspace.store import MAP_SUFFIXES, save
+from cspace.save import MAP_SUFFIXES, save
 
 if TYPE_CHECKING:
     import xarray
@@ -208,7 +208,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         workspace) and, if the map has them, ``overlap_counts`` (int32), ``penetration`` (the overlap field,
         float64), and ``shapes`` (bytes of JSON text from which the obstacles are made).
         The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
-        ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
+        ``lower``, ``spacing``, ``outside``, ``margin_m``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
         text for ``Robot.from_spec``), ``workspace_source`` and the versions.
 
         For a robot that turns, ``cell_states``, ``overlap_counts`` and the field have the leading dimension

@@ -15,13 +15,12 @@ from cspace import __version__
 from cspace.arrays import FIELD_NAME, STATE_NAMES
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.map.storage import read_only, read_only_of
-from cspace.robot import Robot
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 
 FORMAT: Final = "cspace-map"
-VERSION: Final = 5
+VERSION: Final = 6
 """Version of the format; a reader refuses all others."""
 
 AXES: Final = ("x", "y", "z")
@@ -36,7 +35,7 @@ class Stored(NamedTuple):
     Attributes
     ----------
     axes : tuple of str
-        Names of the axes; "cells" stands for the axes of the grid, and "tiles" for the axes of tiles.
+        Names of the axes; "cells" stands for the axes of the grid.
     dtype : str
     lost : number
         Value of lost entries, which never makes a cell FREE.
@@ -72,14 +71,6 @@ ARRAYS: Final[dict[str, Stored]] = {
     ),
     "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
     "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
-    "record": _stored(
-        "tiles number",
-        "int64",
-        -1,
-        "what is known of a tile that is done",
-        comment="FREE, MIXED and BLOCKED cells of each slice; first and last cell of its obstacles; SHA-256 of its "
-        "chunks of cell_states, of outer, and of inner or outer again",
-    ),
     "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
     "overlap_counts": _stored(
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
@@ -121,7 +112,7 @@ def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
     """Return the axes of an array on a grid."""
-    groups = {"cells": AXES[:dim], "tiles": tuple(f"tile_{axis}" for axis in AXES[:dim])}
+    groups = {"cells": AXES[:dim]}
     return tuple(part for axis in stored()[name].axes for part in groups.get(axis, (axis,)))
 
 
@@ -146,44 +137,31 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     return about
 
 
-def describe_map(
-    grid: Grid, robot: Robot, rotations: Rotations, slices: int, outside: str, margin: float, source: str
-) -> dict[str, Any]:
-    """Return the metadata of every map.
+def metadata_of(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map in memory.
 
-    ``lower`` and ``spacing`` are in metres; ``axes`` names the numbers of a configuration, and ``units`` the units of
-    the cells; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
+    ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a configuration;
+    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``. ``precision`` is the
+    arithmetic of the engine; ``inner`` is 1 if BLOCKED is proven, 0 if not, and omitted if unknown.
     """
-    return {
+    grid = contents.grid
+    about = {
         "format": FORMAT,
         "format_version": VERSION,
         "library_version": __version__,
         "lower": list(grid.lower),
         "spacing": grid.spacing,
         "shape": list(grid.shape),
-        "axes": " ".join((*grid.axes, *rotations.names)),
+        "axes": " ".join(contents.axes),
         "units": " ".join(grid.units),
-        "outside": outside,
-        "margin": float(margin),
-        "rotations": len(rotations),
-        "slices": slices,
-        "robot": robot._definition,
-        "workspace_source": source,
+        "outside": contents.outside,
+        "margin_m": float(contents.margin),
+        "rotations": len(contents.rotations),
+        "slices": len(contents.states),
+        "robot": contents.robot._definition,
+        "workspace_source": contents.workspace.source,
+        "precision": contents.precision,
     }
-
-
-def metadata_of(contents: Contents) -> dict[str, Any]:
-    """Return the metadata of a map in memory.
-
-    They extend :func:`describe_map`: ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is
-    proven, 0 if not, and omitted if unknown.
-    """
-    grid, workspace = contents.grid, contents.workspace
-    about = describe_map(
-        *(grid, contents.robot, contents.rotations, len(contents.states), contents.outside, contents.margin),
-        workspace.source,
-    )
-    about["precision"] = contents.precision
     if contents.proves_blocked is not None:
         about["inner"] = int(contents.proves_blocked)
     return about
@@ -192,13 +170,13 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """Return the arrays of a map, by the names of :func:`stored`.
 
-    No cells are copied; states may be packed in two bits. Optional arrays are ``inner`` if it differs from ``outer``,
+    No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``,
     ``unknown`` if there are such cells, ``overlap_counts`` and the overlap field if the map has them, the arrays of
     rotation cells if the robot rotates, and ``shapes`` if the obstacles have shapes.
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
-        "cell_states": read_only_of(contents.states),
+        "cell_states": read_only(contents.states),
         "outer": workspace.outer,
         "slice_of": contents.slice_of,
     }

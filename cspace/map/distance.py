@@ -39,13 +39,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FREE, Bytes, Floats, Ints, Numbers, Row
+from cspace.arrays import FREE, Floats, Ints, Numbers, Row, States
 from cspace.compiling import kernel
 from cspace.grid import SLACK
 from cspace.map.callbacks import MAX_SIZE, bind_kernel, position_before, rotation_before
 from cspace.map.points import MAX_CELL, is_usable, position_in, slice_of, state_at
 from cspace.map.record import Map
-from cspace.map.storage import Stack
 from cspace.rotations.lookup import rotation_in
 from cspace.threads import cores, in_chunks, in_threads
 
@@ -90,7 +89,7 @@ class DistanceMap:
         The table, once it has the distances of all slices after the last change.
     """
 
-    def __init__(self, states: Stack, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
+    def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
         self._states, self._exterior, self._lock = states, exterior, lock
         self._table: DistanceTable | None = None
         self._ready = np.zeros(len(states), dtype=np.bool_)
@@ -142,7 +141,7 @@ class DistanceMap:
 # ---- the table -----------------------------------------------------------------------------------
 
 
-def find_box(states: Bytes, exterior: Ints) -> Floats:
+def find_box(states: States, exterior: Ints) -> Floats:
     """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
 
     ``exterior`` is a row of :attr:`cspace.map.exterior.Exterior.table`.
@@ -164,7 +163,7 @@ def find_box(states: Bytes, exterior: Ints) -> Floats:
     return box
 
 
-def compute_distances(states: Bytes, exterior: Ints, out: Distances) -> None:
+def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
     """Write the distances of the cells of a slice.
 
     ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.

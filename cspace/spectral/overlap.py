@@ -689,8 +689,8 @@ class OverlapField:
 
     @property
     def cells(self) -> Floats:
-        """Overlap of all cells in a row, for kernels."""
-        return np.ascontiguousarray(self.values).reshape(-1)
+        """Overlap by slice, shape (slices, nx, ny(, nz))."""
+        return np.ascontiguousarray(self.values).reshape(-1, *self.space.grid.shape)
 
     @overload
     def at(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
@@ -722,7 +722,7 @@ class OverlapField:
 
     def _fixed(self) -> tuple[Any, ...]:
         """Return the map and the field, for kernels."""
-        return self.space._kernel_map, self.cells
+        return self.space._kernel_map, self.cells.reshape(-1)
 
 
 def _shape(space: Space) -> tuple[int, ...]:
