@@ -46,7 +46,7 @@ def open_map(path: StrPath, in_memory: bool | None = None) -> CSpace | TiledCSpa
     FileError
         If the map is missing, unreadable, truncated or changed, or if `in_memory` is True and tiles are unfinished.
     ConfigurationError
-        If `in_memory` is False and the map has overlap counts or an overlap field.
+        If `in_memory` is False and the map has overlap counts.
 
     Examples
     --------

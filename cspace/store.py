@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import BLOCKED, FIELD_NAME, MIXED, Bools, Box, Ints, States, StrPath, intersect_boxes
+from cspace.arrays import BLOCKED, MIXED, Bools, Box, Ints, States, StrPath, intersect_boxes
 from cspace.compiling import kernel
 from cspace.errors import CspaceError, FileError
 from cspace.files.access import check_suffix, decoding, read_bytes, read_member, replacing
@@ -77,7 +77,7 @@ DIGESTED: Final = ("cell_states", "outer", "inner")
 TILED: Final = (*DIGESTED, "record")
 """Arrays with one or several chunks per tile."""
 
-UNTILED: Final = ("overlap_counts", FIELD_NAME)
+UNTILED: Final = ("overlap_counts",)
 """Arrays that only maps in memory hold."""
 
 MAP_SUFFIXES: Final = (".zarr", "")
@@ -805,7 +805,6 @@ class Store:
         check_bytes(self.path / "cell_states", self.slices * math.prod(self.grid.shape) // 1, "unpacks to")
         outer, inner = self.obstacles_in(box, records.__getitem__)
         source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
-        leading = (*self.rotations._leading_axes(self.slices), *self.grid.shape)
         return Contents(
             Workspace(self.grid, outer, inner, source=source, unknown=unknown, shapes=self.shapes),
             self.robot,
@@ -816,7 +815,6 @@ class Store:
             float(self.metadata["margin"]),
             str(self.metadata["precision"]),
             arrays.get("overlap_counts"),
-            arrays[FIELD_NAME].reshape(leading) if FIELD_NAME in arrays else None,
             Exterior(arrays["exterior"]) if "exterior" in arrays else None,
             self.proves_blocked,
         )

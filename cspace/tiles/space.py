@@ -45,7 +45,7 @@ UPDATE_HINT: Final = "change its cells: space.update(cells, lower)"
 
 ONLY_IN_MEMORY: Final = {
     "workspace precision overlap_counts cell_states states_at": WINDOW_HINT,
-    "overlap_count contains_robot obstacle_distance overlap_field with_overlap_field": WINDOW_HINT,
+    "overlap_count contains_robot obstacle_distance": WINDOW_HINT,
     "point_checker edge_checker clearance_checker": WINDOW_HINT,
     "reachable_bounds find_path find_widest_path min_path_length sample_free": WINDOW_HINT,
     "save export to_xarray to_occupancy_grid to_costmap": WINDOW_HINT,
@@ -91,7 +91,7 @@ class TiledCSpace(ConfigurationMap):
     def _holds(store: Store) -> bool:
         """Return True unless tiles exclude the map.
 
-        These are maps with overlap counts or an overlap field.
+        These are maps with overlap counts.
         """
         return not store.names.intersection(UNTILED)
 
@@ -110,7 +110,7 @@ class TiledCSpace(ConfigurationMap):
         if not cls._holds(store):
             raise ConfigurationError(
                 "in_memory",
-                f"is False, but {store.path} has overlap counts or an overlap field",
+                f"is False, but {store.path} has overlap counts",
                 "only a map in memory supports them",
                 "open it with in_memory=True",
             )
