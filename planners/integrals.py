@@ -15,7 +15,7 @@ from cspace.map.edges import between
 from cspace.map.points import Numbers, replaced
 from cspace.map.storage import Map
 from cspace.space import CSpace
-from cspace.spectral.overlap import field_at
+from cspace.spectral.field import field_at
 
 Field = DistanceMap | Floats | None
 """Source of a value at each configuration: the clearance, by distances; an array of cells; or none (zero)."""

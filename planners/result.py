@@ -112,7 +112,7 @@ class Plan:
     planner : str
         Name of the planner.
     objective : str
-        Quantity that was minimised: ``"length"``, ``"clearance"``, ``"overlap"`` or ``"custom"``.
+        Quantity that was minimised: ``"length"``, ``"clearance"`` or ``"custom"``.
     drive : str
         Motion of the robot along edges; see :func:`planners.plan`.
     turning_radius : float or None

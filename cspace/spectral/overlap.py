@@ -7,24 +7,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property, lru_cache, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, overload
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bytes, Floats, Ints, Numbers
+from cspace.arrays import Bytes, Floats, Ints
 from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
-from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
-from cspace.grid import Grid
-from cspace.limits import check_memory, count_cells
-from cspace.map.batches import Configuration, ConfigurationBatch, evaluate_batch, in_threaded_chunks
+from cspace.map.batches import Configuration, ConfigurationBatch
 from cspace.map.callbacks import callback
-from cspace.map.contents import checked_field
-from cspace.map.points import configuration, is_usable, replaced
-from cspace.map.storage import Map
-from cspace.rotations import Rotations
 from cspace.spectral.bump import Bump, check_tolerance, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
@@ -38,7 +31,6 @@ from cspace.spectral.spectra import (
     BOUND_ROUNDING,
     MIN_SPECTRUM_TOLERANCE,
     PAIR_TABLE_NODES,
-    Correlation,
     Rings,
     Spectrum,
     Terms,
@@ -589,188 +581,3 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[dim - 2]
     rule = f"it must be {kinds} or a rotation matrix of shape {dim, dim}"
     raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)
-
-
-class _CellValues:
-    """Overlaps at the centers of a grid's cells, by inverse FFTs.
-
-    ``overlap`` is the same overlap with a longer period, a multiple of the spacing, so that cell centers lie on the
-    lattice of the FFT. Its band reaches at least as high. Values err by at most 1 + 2^-5 times its bound; the rounding
-    of the FFT is the smaller part (:class:`cspace.spectral.spectra.Correlation`).
-    """
-
-    def __init__(self, overlap: FourierOverlap, grid: Grid) -> None:
-        from scipy.fft import next_fast_len
-
-        shape = tuple(next_fast_len(math.ceil(length / grid.spacing), real=True) for length in overlap.lengths)
-        check_memory(BYTES_PER_LATTICE_STEP * float(count_cells(shape)), "the lattice of the overlap field", grid)
-        band, lengths = overlap._bands[-1], grid.spacing * np.array(shape)
-        halves = tuple(np.ceil(band.halves * lengths / band.lengths).astype(np.int64).tolist())
-        self._grid, self.overlap = grid, copy.copy(overlap)
-        self.overlap._bands = _make_bands(band.a, band.b, lengths, halves, band.accuracy)
-        self.overlap.__dict__.pop("_levels", None)
-        self._correlation = Correlation(band.a, band.b, lengths, self.overlap.counts, shape, band.accuracy)
-
-    def write(self, matrix: Floats | None, out: Floats) -> None:
-        """Write the overlaps at a rotation of A to ``out``."""
-        overlap = self.overlap if matrix is None else self.overlap.rotated(matrix)
-        (low, high), inside = overlap.domain, []
-        for axis in range(overlap.dim):
-            centers = self._grid.centers(axis)
-            inside.append(np.flatnonzero((low[axis] <= centers) & (centers <= high[axis])))
-        if all(map(len, inside)):
-            start = overlap._relative(self._grid.center_of([cells[0] for cells in inside]))
-            values = self._correlation.values(overlap._rotation, start)
-            out[np.ix_(*inside)] = values[tuple(slice(len(cells)) for cells in inside)]
-
-
-class Space(Protocol):
-    """Attributes of a map that a field needs; kernels need the last."""
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the map."""
-
-    @property
-    def rotations(self) -> Rotations:
-        """Rotation cells of the map."""
-
-    @property
-    def _kernel_map(self) -> Map: ...
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class OverlapField:
-    """Overlap of robot and obstacles at cell centers.
-
-    It is positive if balls meet and grows with the depth, and it is as smooth as the descriptors. It proves nothing;
-    the states of the map do.
-
-    Attributes
-    ----------
-    space : CSpace
-    values : ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates
-        The overlap at each cell center, metres to the power of the dimension; read-only.
-
-    Raises InputError if the values have another shape or type than the map, or are not finite.
-    """
-
-    space: Space
-    values: Floats
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        object.__setattr__(self, "values", checked_field(self.values, _shape(self.space)))
-
-    @classmethod
-    def of(cls, space: Space, overlap: FourierOverlap) -> OverlapField:
-        """Compute the field of a map.
-
-        If the robot rotates, a slice has the values at the representative of its first rotation cell. ``overlap`` is
-        between the balls of the robot, in the robot's frame, and the balls of the obstacles, in the map's frame. Grown
-        balls, such as those of :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
-
-        Raises InputError if ``overlap`` is no FourierOverlap, has another dimension than the map, or memory is too
-        small. Raises MissingPackageError if finufft is needed, for many balls of one radius, and is not installed.
-        """
-        argument: object = overlap
-        if not isinstance(argument, FourierOverlap):
-            rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
-            raise InputError("overlap", f"is a {type(argument).__name__}", rule, hint, value=argument)
-        grid, map_ = space.grid, space._kernel_map
-        check_same_dim("overlap", overlap.dim, grid.dim)
-        shape = map_.states.shape
-        check_memory(8.0 * math.prod(shape), "the overlap field", grid)
-        values, make = np.zeros(shape), _CellValues(overlap, grid)
-        rotation_cells = space.rotations._shape_cells(grid.dim)
-        for number in range(shape[0]):
-            make.write(rotation_cells[int(np.argmax(map_.slice_of == number))].matrix, values[number])
-        return cls(space, values.reshape(_shape(space)))
-
-    @property
-    def cells(self) -> Floats:
-        """Overlap by slice, for kernels, shape (slices, nx, ny(, nz))."""
-        return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
-
-    @overload
-    def at(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
-    @overload
-    def at(self, q: ConfigurationBatch) -> Floats: ...
-    @overload
-    def at(self, q: ArrayLike) -> float | Floats: ...
-    def at(self, q: ArrayLike) -> float | Floats:
-        """Interpolate the overlap at configurations (..., size), metres and radians.
-
-        The interpolation is linear between cell centers and never negative. Outside the grid it uses the nearest value;
-        rotations use the value of their cell. Raises InputError if the last axis is not as long, or a value is NaN or
-        infinite.
-        """
-        overlaps: float | Floats = evaluate_batch(
-            q, self._size, in_threaded_chunks(partial(fields_at, *self._fixed())), np.float64, float
-        )
-        return overlaps
-
-    def checker(self) -> Callable[..., float]:
-        """Return a fast, unchecked :meth:`at` of floats: ``check(*q)``."""
-        check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
-        return check
-
-    @property
-    def _size(self) -> int:
-        """Length of a configuration."""
-        return self.space.grid.dim + len(self.space.rotations.names)
-
-    def _fixed(self) -> tuple[Any, ...]:
-        """Return the map and the field, for kernels."""
-        return self.space._kernel_map, self.cells
-
-
-def _shape(space: Space) -> tuple[int, ...]:
-    """Return the shape of a field of the map."""
-    return (*space.rotations._leading_axes(space._kernel_map.states.shape[0]), *space.grid.shape)
-
-
-@kernel
-def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
-    """Interpolate a field between the nearest 2^d cell centers."""
-    dim = len(map_.lower)
-    # The lower cell of the interpolation, and the position between it and the upper cell, from 0 to 1, along each axis.
-    cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
-    for axis in range(dim):
-        count = map_.states.shape[axis + 1]
-        position = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), count - 1.0)
-        lower_cell = min(int(position), max(count - 2, 0))
-        cell, shares = replaced(cell, axis + 1, lower_cell), replaced(shares, axis, position - lower_cell)
-    total = 0.0
-    for corner in range(1 << dim):
-        share, other = 1.0, cell
-        for axis in range(dim):
-            upper = (corner >> axis) & 1
-            share *= shares[axis] if upper else 1.0 - shares[axis]
-            other = replaced(other, axis + 1, cell[axis + 1] + upper)
-        if share > 0.0:
-            total += share * float(values[other])
-    return max(total, 0.0)
-
-
-@compilable
-class Field(NamedTuple):
-    """Value of a field, as a compiled query."""
-
-    map_: Map
-    values: Floats
-
-    def evaluate(self, q: Numbers) -> float:
-        """Return the value of the field at a configuration."""
-        return field_at(self.map_, self.values, q)
-
-
-@kernel
-def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
-    """Write :func:`field_at` of points; return the first invalid index, or -1."""
-    for k in range(len(points)):
-        q = configuration(map_, points, k)
-        if not is_usable(map_, q):
-            return k
-        out[k] = field_at(map_, values, q)
-    return -1

@@ -144,7 +144,7 @@ def test_only_existing_arrays_are_stored(tmp_path: Path) -> None:
         path = tmp_path / f"map{suffix}"
         held = [entry.name for entry in path.iterdir()]
         assert {"cell_states", "outer", "x"} <= set(held)
-        assert not set(held) & {"inner", "unknown", "overlap_counts", "shapes", "z", "yaw", "penetration"}
+        assert not set(held) & {"inner", "unknown", "overlap_counts", "shapes", "z", "yaw"}
 
 
 def test_arrays_of_several_chunks_open_equal(
@@ -263,7 +263,7 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({}, {"covering_angle": np.zeros(4)}, "'covering_angle' does not match"),
     ({}, {"yaw_bounds": np.zeros((4, 2))}, "its parts make no map"),
     ({}, {"yaw_bounds": np.full((4, 2), np.nan)}, "its parts make no map"),
-    ({}, {"penetration": np.full((2, 4, 3), np.nan)}, "its parts make no map"),
+    ({}, {"penetration": np.zeros((2, 4, 3))}, "penetration"),
     ({}, {"overlap_counts": np.zeros((2, 4, 3))}, "'overlap_counts' is float64"),
     *[
         ({}, {"shapes": np.frombuffer(text, np.int8)}, "'shapes' tells of no obstacles")

@@ -1,0 +1,143 @@
+"""Overlap fields: the overlap of a robot's balls with obstacles at the cell centers of a map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.arrays import Floats
+from cspace.check import check_finite, check_points
+from cspace.compiling import kernel
+from cspace.errors import InputError
+from cspace.limits import check_memory
+from cspace.map.points import replaced
+from cspace.map.storage import Map
+from cspace.spectral.descriptors import check_same_dim
+from cspace.spectral.overlap import FourierOverlap
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OverlapField:
+    """Overlap of robot and obstacles at the cell centers of a map.
+
+    It is positive if balls meet and grows with the depth, and it is as smooth as the descriptors.
+    It proves nothing; the states of the map do. It stands beside the map: updates of the map leave
+    it as it is, and files of the map do not hold it. ``numpy.save("field.npy", field.values)``
+    keeps it, and ``OverlapField(space, numpy.load("field.npy"))`` brings it back.
+
+    Attributes
+    ----------
+    space : CSpace
+    values : ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates
+        The overlap at each cell center, metres to the power of the dimension; read-only.
+
+    Raises InputError if the values have another shape or type than the map, or are not finite.
+    """
+
+    space: CSpace
+    values: Floats
+
+    def __post_init__(self) -> None:
+        """Check the values, and make them read-only."""
+        values, shape = self.values, _shape_on(self.space)
+        if values.shape != shape or values.dtype != np.float64:
+            problem = f"has shape {values.shape} and type {values.dtype}"
+            rule = f"it must have the map's shape {shape} and type float64"
+            raise InputError("values", problem, rule, "use OverlapField.of", value=values)
+        kept = check_finite(values, "values").view()
+        kept.flags.writeable = False
+        object.__setattr__(self, "values", kept)
+
+    @classmethod
+    def of(cls, space: CSpace, overlap: FourierOverlap) -> OverlapField:
+        """Compute the field of a map.
+
+        If the robot rotates, a slice has the values at the representative of its first rotation
+        cell. ``overlap`` is between the balls of the robot, in the robot's frame, and the balls of
+        the obstacles, in the map's frame. Grown balls, such as those of
+        :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
+
+        Raises InputError if ``overlap`` is no FourierOverlap, has another dimension than the map,
+        or memory is too small. Raises MissingPackageError if finufft is not installed.
+        """
+        argument: object = overlap
+        if not isinstance(argument, FourierOverlap):
+            problem = f"is a {type(argument).__name__}"
+            rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
+            raise InputError("overlap", problem, rule, hint, value=argument)
+        grid, map_ = space.grid, space._kernel_map
+        check_same_dim("overlap", overlap.dim, grid.dim)
+        check_memory(8.0 * math.prod(map_.states.shape), "the overlap field", grid)
+        axes = [grid.centers(axis) for axis in range(grid.dim)]
+        centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        values = np.empty(map_.states.shape)
+        rotation_cells = space.rotations._shape_cells(grid.dim)
+        for number in range(len(values)):
+            first_cell = int(np.argmax(map_.slice_of == number))
+            matrix = rotation_cells[first_cell].matrix
+            placed = overlap if matrix is None else overlap.rotated(matrix)
+            values[number] = placed.value(centers)
+        return cls(space, values.reshape(_shape_on(space)))
+
+    @property
+    def cells(self) -> Floats:
+        """Overlap by slice, for kernels, shape (slices, nx, ny(, nz))."""
+        return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
+
+    def at(self, q: ArrayLike) -> float | Floats:
+        """Interpolate the overlap at configurations (..., size), metres and radians.
+
+        The interpolation is linear between cell centers and never negative. Outside the grid it
+        uses the nearest value; rotations use the value of their cell. One configuration gives a
+        float. Raises InputError if the last axis is not as long, or a value is NaN or infinite.
+        """
+        from scipy.ndimage import map_coordinates
+
+        space, grid = self.space, self.space.grid
+        rows = check_points(q, "q", space.size)
+        places = (rows[..., : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
+        slices = space.slice_of[space.rotations._cells_of(rows)]
+        coordinates = np.concatenate([slices[..., None], places], axis=-1)
+        found = map_coordinates(self.cells, np.moveaxis(coordinates, -1, 0), order=1, mode="nearest")
+        overlaps = np.maximum(found, 0.0)
+        return overlaps if overlaps.ndim else float(overlaps)
+
+
+def _shape_on(space: CSpace) -> tuple[int, ...]:
+    """Return the shape of a field of the map."""
+    slices = space._kernel_map.states.shape[0]
+    return (*space.rotations._leading_axes(slices), *space.grid.shape)
+
+
+@kernel
+def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
+    """Interpolate a field between the nearest 2^d cell centers, in compiled code."""
+    dim = len(map_.lower)
+    # The lower cell of the interpolation, and the position from there to the upper cell, 0 to 1.
+    cell = replaced(map_.states.shape, 0, map_.rotations.slice_at(q))
+    shares = map_.lower
+    for axis in range(dim):
+        count = map_.states.shape[axis + 1]
+        position = (q[axis] - map_.lower[axis]) / map_.spacing - 0.5
+        position = min(max(position, 0.0), count - 1.0)
+        lower_cell = min(int(position), max(count - 2, 0))
+        cell = replaced(cell, axis + 1, lower_cell)
+        shares = replaced(shares, axis, position - lower_cell)
+    total = 0.0
+    for corner in range(1 << dim):
+        share = 1.0
+        other = cell
+        for axis in range(dim):
+            upper = (corner >> axis) & 1
+            share *= shares[axis] if upper else 1.0 - shares[axis]
+            other = replaced(other, axis + 1, cell[axis + 1] + upper)
+        if share > 0.0:
+            total += share * float(values[other])
+    return max(total, 0.0)
