@@ -91,23 +91,23 @@ class OverlapField:
         """Overlap by slice, for kernels, shape (slices, nx, ny(, nz))."""
         return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
 
-    def at(self, q: ArrayLike) -> float | Floats:
+    def at(self, q: ArrayLike) -> Floats:
         """Interpolate the overlap at configurations (..., size), metres and radians.
 
         The interpolation is linear between cell centers and never negative. Outside the grid it
-        uses the nearest value; rotations use the value of their cell. One configuration gives a
-        float. Raises InputError if the last axis is not as long, or a value is NaN or infinite.
+        uses the nearest value; rotations use the value of their cell. Raises InputError if the last
+        axis is not as long, or a value is NaN or infinite.
         """
         from scipy.ndimage import map_coordinates
 
         space, grid = self.space, self.space.grid
-        rows = check_points(q, "q", space.size)
-        places = (rows[..., : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
+        points = check_points(q, "q", space.size)
+        rows = points.reshape(-1, space.size)
+        places = (rows[:, : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
         slices = space.slice_of[space.rotations._cells_of(rows)]
-        coordinates = np.concatenate([slices[..., None], places], axis=-1)
-        found = map_coordinates(self.cells, np.moveaxis(coordinates, -1, 0), order=1, mode="nearest")
-        overlaps = np.maximum(found, 0.0)
-        return overlaps if overlaps.ndim else float(overlaps)
+        coordinates = np.column_stack([slices, places]).T
+        found = map_coordinates(self.cells, coordinates, order=1, mode="nearest")
+        return np.asarray(np.maximum(found, 0.0).reshape(points.shape[:-1]))[()]
 
 
 def _shape_on(space: CSpace) -> tuple[int, ...]:

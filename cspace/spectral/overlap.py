@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, Final, overload
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Bytes, Floats, Ints
 from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
 from cspace.errors import InputError
-from cspace.map.batches import Configuration, ConfigurationBatch
 from cspace.map.callbacks import callback
+from cspace.spectral.bands import BOUND_ROUNDING, Rings, Spectrum, Terms, estimate_band, separate_all
 from cspace.spectral.bump import Bump, check_tolerance, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
@@ -27,21 +27,9 @@ from cspace.spectral.descriptors import (
     check_same_dim,
     common_bump,
 )
-from cspace.spectral.spectra import (
-    BOUND_ROUNDING,
-    MIN_SPECTRUM_TOLERANCE,
-    PAIR_TABLE_NODES,
-    Rings,
-    Spectrum,
-    Terms,
-    ball_spectrum,
-    estimate_band,
-    evaluate_real_series,
-    norm_square,
-    separate_all,
-    sum_pairs,
-)
-from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, BallTree, ContactTest
+from cspace.spectral.pairs import PAIR_TABLE_NODES, norm_square, sum_pairs
+from cspace.spectral.spectra import MIN_SPECTRUM_TOLERANCE, ball_spectrum, evaluate_real_series
+from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, UNDECIDED, BallTree, ContactTest
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -59,8 +47,11 @@ MAX_SUMMED_PAIRS: Final = 2**22
 PERIOD_MARGIN: Final = 1e-6
 """Relative margin of the period, so that rounding cannot make any ball wrap around."""
 
-BYTES_PER_LATTICE_STEP: Final = 40.0
-"""Upper bound of the memory for each step of the lattice of a field, bytes: its values, and spectra folded to it."""
+MAX_PLACEMENTS_PER_TRANSFORM: Final = 2**20
+"""Number of placements evaluated by one transform, to bound the memory."""
+
+MAX_PLACEMENTS_ONE_BY_ONE: Final = 32
+"""Number of placements up to which values are summed ring by ring, without a transform."""
 
 
 class Verdict(IntEnum):
@@ -275,21 +266,14 @@ class FourierOverlap:
         """Largest difference of :meth:`value` from the ideal overlap."""
         return float(self._levels[-1].terms.bounds[-1])
 
-    @overload
-    def value(self, t: Configuration) -> float: ...  # type: ignore[overload-overlap]
-    @overload
-    def value(self, t: ConfigurationBatch) -> Floats: ...
-    @overload
-    def value(self, t: ArrayLike) -> float | Floats: ...
-    def value(self, t: ArrayLike) -> float | Floats:
+    def value(self, t: ArrayLike) -> Floats:
         """Compute the band-limited overlap with A moved by t.
 
         ``t``, shape (..., d), is in metres; the result, shape (...), in square or cubic metres. It is 0 outside the
         domain. More than a few dozen placements share one non-uniform transform, with a tolerance of 1e-9 times the
         2-norm of the terms. Raises as the class does.
         """
-        sums = self._sums(t, [self._levels[-1].sums])
-        return sums[..., 0] if sums.ndim > 1 else float(sums[0])
+        return np.asarray(self._sums(t, [self._levels[-1].sums])[..., 0])[()]
 
     def gradient(self, t: ArrayLike) -> Floats:
         """Compute the derivatives of :meth:`value`, shape (..., d)."""
@@ -339,37 +323,56 @@ class FourierOverlap:
 
         ``t``, shape (..., d), is in metres.
         """
-        # For one placement, arrays would take ten times as long as the test.
-        values: Any = t.tolist() if isinstance(t, np.ndarray) and t.ndim == 1 else t
-        if isinstance(values, list | tuple) and [type(value) for value in values] == [float] * self.dim:
-            verdict = self._test_one(*values, *[0.0] * (3 - self.dim)) if all(map(math.isfinite, values)) else None
-            if verdict == 0 or (verdict is not None and self.threshold == 0.0):
-                return _BY_BALLS[verdict]
+        verdict = self._test_one_by_trees(t)
+        if verdict == MISS or (verdict is not None and self.threshold == 0.0):
+            return _BY_BALLS[verdict]
         placements = check_points(t, "t", self.dim)
         flat = placements.reshape(-1, self.dim)
-        verdicts, relative = self._contact_test.test(_in_space(flat)), self._relative(flat)
-        touching = verdicts != Verdict.MISS
-        counts, sums = np.zeros(len(verdicts), dtype=np.int64), np.zeros((len(verdicts), 2))
+        verdicts = self._contact_test.test(_in_space(flat))
+        touching = np.flatnonzero(verdicts != MISS)
+        counts, sums = np.zeros(len(flat), dtype=np.int64), np.zeros((len(flat), 2))
         sums[touching, 1] = math.inf
-        if self.threshold > 0.0:
-            rest = np.flatnonzero(touching)
-            for level in self._levels if len(rest) else ():
-                verdicts[rest], taken, sums[rest] = separate_all(relative[rest], level.terms, self.threshold)
-                counts[rest] += taken
-                rest = rest[verdicts[rest] == Verdict.UNDECIDED]
-                if not len(rest):
-                    break
-                # For few placements, sums over pairs of balls are faster than spectra in the next band, and decide.
-                if len(rest) * len(self._b.radii) * len(self._original.radii) <= MAX_SUMMED_PAIRS:
-                    sums[rest] = self._sum_pairs(relative[rest])
-                    low, high = sums[rest, 0] - sums[rest, 1], sums[rest, 0] + sums[rest, 1]
-                    verdicts[rest[high < self.threshold]], verdicts[rest[low > self.threshold]] = MISS, HIT
-                    break
+        if self.threshold > 0.0 and len(touching):
+            relative = self._relative(flat[touching])
+            verdicts[touching], counts[touching], sums[touching] = self._compare_with_threshold(relative)
         if placements.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
         shape = placements.shape[:-1]
         totals, bounds = (column.reshape(shape) for column in sums.T)
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
+
+    def _test_one_by_trees(self, t: ArrayLike) -> int | None:
+        """Return the verdict of the trees about one placement of floats, otherwise None.
+
+        Arrays would take ten times as long as this test.
+        """
+        values: Any = t.tolist() if isinstance(t, np.ndarray) and t.ndim == 1 else t
+        is_one = isinstance(values, list | tuple) and [type(value) for value in values] == [float] * self.dim
+        if not is_one or not all(map(math.isfinite, values)):
+            return None
+        return self._test_one(*values, *[0.0] * (3 - self.dim))
+
+    def _compare_with_threshold(self, relative: Floats) -> tuple[Bytes, Ints, Floats]:
+        """Sum frequencies at placements (n, d) until the sums decide.
+
+        Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
+        """
+        verdicts = np.full(len(relative), UNDECIDED, dtype=np.uint8)
+        counts, sums = np.zeros(len(relative), dtype=np.int64), np.zeros((len(relative), 2))
+        rest = np.arange(len(relative))
+        for level in self._levels:
+            verdicts[rest], taken, sums[rest] = separate_all(relative[rest], level.terms, self.threshold)
+            counts[rest] += taken
+            rest = rest[verdicts[rest] == UNDECIDED]
+            pairs = len(rest) * len(self._b.radii) * len(self._original.radii)
+            if pairs <= MAX_SUMMED_PAIRS:
+                break
+        # For few placements, sums over pairs of balls are faster than spectra in the next band, and decide.
+        if 0 < pairs <= MAX_SUMMED_PAIRS:
+            sums[rest] = self._sum_pairs(relative[rest])
+            verdicts[rest[sums[rest].sum(axis=1) < self.threshold]] = MISS
+            verdicts[rest[sums[rest, 0] - sums[rest, 1] > self.threshold]] = HIT
+        return verdicts, counts, sums
 
     def _sum_pairs(self, relative: Floats) -> Floats:
         """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
@@ -413,12 +416,10 @@ class FourierOverlap:
         """Contact test of A, rotated, and B."""
         (outer_a, outer_b), (inner_a, inner_b) = self._trees
         outer_a, inner_a = outer_a.rotated(self._rotation), inner_a.rotated(self._rotation)
-        frame, scratch = (
-            np.stack([self._pivot, self._center_b, self._half_sides]),
-            np.empty(MAX_PENDING_NODE_PAIRS, int),
-        )
+        frame = _in_space(np.stack([self._pivot, self._center_b, self._half_sides]))
+        scratch = np.empty(MAX_PENDING_NODE_PAIRS, dtype=np.int64)
         slack = 4.0 * self._placement_error
-        return ContactTest(outer_a, outer_b, inner_a, inner_b, _in_space(frame), slack, scratch)
+        return ContactTest(outer_a, outer_b, inner_a, inner_b, frame, slack, scratch)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without compiled functions."""
@@ -448,15 +449,17 @@ class FourierOverlap:
         """Sum lists of terms at placements, shape (..., sums)."""
         placements = check_points(t, "t", self.dim)
         relative = self._relative(placements.reshape(-1, self.dim))
+        out = np.zeros((len(relative), len(sums)))
         inside = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
-        out, rings = np.zeros((len(relative), len(sums))), self._levels[-1].band.rings
-        # A transform evaluates all frequencies at many placements at once; few placements are summed ring by ring.
-        if len(inside) > 32:
-            boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
-            out[inside] = evaluate_real_series(2.0 * math.pi * relative[inside] / rings.lengths, boxes, 1e-9).T
-        else:
+        if len(inside) <= MAX_PLACEMENTS_ONE_BY_ONE:
             for column, terms in enumerate(sums):
                 out[inside, column] = separate_all(relative[inside], terms, math.nan)[2][:, 0]
+        else:
+            rings = self._levels[-1].band.rings
+            boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
+            for part in np.array_split(inside, math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)):
+                angles = 2.0 * math.pi * relative[part] / rings.lengths
+                out[part] = evaluate_real_series(angles, boxes, 1e-9).T
         return out.reshape(*placements.shape[:-1], len(sums))
 
 
@@ -546,12 +549,8 @@ class _Level:
         waves = (rings.indices / rings.lengths).T
         pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
         scale = rings.twice / rings.volume * self.band.spectrum_b.values
-        return [
-            self.sums._replace(
-                products=scale * (-2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i])).conj()
-            )
-            for i, j in pairs
-        ]
+        changes = [-2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i]) for i, j in pairs]
+        return [self.sums._replace(products=scale * change.conj()) for change in changes]
 
     @cached_property
     def slopes(self) -> list[Terms]:

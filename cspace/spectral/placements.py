@@ -29,7 +29,8 @@ from cspace.spectral.descriptors import (
     union,
 )
 from cspace.spectral.overlap import FourierOverlap, rotation_matrix
-from cspace.spectral.spectra import Correlation, norm_square, sum_pairs
+from cspace.spectral.pairs import norm_square, sum_pairs
+from cspace.spectral.spectra import Correlation
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -318,7 +319,7 @@ class _Score:
         """Return the highest local maxima on the lattice, above a score."""
         from scipy.ndimage import maximum_filter
 
-        values = self.correlation.values(matrix)
+        values = self.correlation.overlaps(matrix)
         if values.max() <= floor:
             return _Poses.none(self.dim)
         tops = np.flatnonzero((values > floor) & (values == maximum_filter(values, 3, mode="wrap")))

@@ -25,7 +25,7 @@ from cspace.spectral import (
     intersection,
 )
 from cspace.spectral.bump import pair_integrals
-from cspace.spectral.spectra import norm_square
+from cspace.spectral.pairs import norm_square
 from tests import solids
 from tests.refusals import refusals
 from tests.strategies import seeds
