@@ -697,6 +697,29 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
 
 
 @kernel
+def _measure_trial(
+    cells: CellCounts,
+    tree: PieceTree,
+    center: Floats,
+    max_radius: float,
+    lattice_frame: tuple[Floats, float, float],
+    point: Floats,
+) -> tuple[float, int]:
+    """Return the radius of a ball around a center, and the open cells in it.
+
+    They are 0 and -1 if the center is too near the boundary. ``point`` is scratch for the center in metres.
+    """
+    corner, side, error = lattice_frame
+    for axis in range(3):
+        point[axis] = corner[axis] + side * center[axis]
+    cap = 1.01 * side * max_radius + 4.0 * error
+    radius = (bound_distance(tree, point, cap)[0] - error) / side
+    if radius <= 0.0:
+        return 0.0, -1
+    return radius, _find_rows(cells, center, radius, True)[1]
+
+
+@kernel
 def polish(
     cells: CellCounts,
     tree: PieceTree,
@@ -712,7 +735,6 @@ def polish(
     the space of the tree, its side, and the error of distances. ``scratch``, shape (2, 3), holds a trial point in both
     frames.
     """
-    corner, side, error = lattice_frame
     trial, point = scratch[0], scratch[1]
     for round_index in range(6):
         moved = False
@@ -729,13 +751,8 @@ def polish(
                     for along in range(3):
                         trial[along] = centers[ball, along]
                     trial[axis] += step if direction % 2 else -step
-                    for along in range(3):
-                        point[along] = corner[along] + side * trial[along]
-                    cap = 1.01 * side * (radii[ball] + step) + 4.0 * error  # a radius grows by a step at most
-                    radius = (bound_distance(tree, point, cap)[0] - error) / side
-                    if radius <= 0.0:
-                        continue
-                    gain = _find_rows(cells, trial, radius, True)[1]
+                    # A radius grows by a step at most.
+                    radius, gain = _measure_trial(cells, tree, trial, radii[ball] + step, lattice_frame, point)
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain

@@ -18,7 +18,7 @@ from cspace.check import check_count, check_finite, check_not_negative, check_po
 from cspace.errors import InputError
 from cspace.map.callbacks import callback
 from cspace.spectral.bands import BOUND_ROUNDING, Rings, Spectrum, Terms, estimate_band, separate_all
-from cspace.spectral.bump import Bump, check_tolerance, pair_integrals
+from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
     BallDescriptor,
@@ -119,8 +119,6 @@ class FourierOverlap:
         the threshold. If the threshold is zero, it becomes about ``tolerance`` times the overlap of two balls of median
         radius, the center of one on the boundary of the other. At most about two million frequencies are used.
     tolerance : float
-    accuracy : float
-        Accuracy of the spectra, relative to their largest values.
 
     Spectra are computed at first use; verdicts about ball sets that are apart need none. Raises InputError if a value
     is not as stated. Methods raise MissingPackageError if finufft is needed and not installed.
@@ -143,13 +141,11 @@ class FourierOverlap:
         threshold: float = 0.0,
         band: float | None = None,
         tolerance: float = 1e-3,
-        accuracy: float = 1e-12,
     ) -> None:
         kind = common_bump(bump, a, b)
         first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
-        within = check_tolerance(accuracy, MIN_SPECTRUM_TOLERANCE)
         self._b, self._original, self._rotation = second, first, np.eye(first.dim)
         self._pivot, self._center_b = first.center, second.center
         reach = float((np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii).max()) * (1.0 + 2.0**-40)
@@ -163,7 +159,8 @@ class FourierOverlap:
         if lengths.max() < 1e-100:
             problem, rule = f"and a span only {lengths.max():g} m", "squares would underflow"
             raise InputError("b", problem, rule, "check the units", value=b)
-        self._bands = _make_bands(first, second, lengths, self._choose_halves(first, lengths, band, tolerance), within)
+        halves = self._choose_halves(first, lengths, band, tolerance)
+        self._bands = _make_bands(first, second, lengths, halves)
         # Trees of the balls that prove misses, and trees of the balls that prove hits.
         self._trees = (self._make_trees(first, second),) * 2
 
@@ -179,7 +176,6 @@ class FourierOverlap:
         classes: int = 8,
         bump: Bump | None = None,
         tolerance: float = 1e-3,
-        accuracy: float = 1e-12,
     ) -> FourierOverlap:
         """Build an overlap whose verdicts are proofs about shapes.
 
@@ -201,7 +197,7 @@ class FourierOverlap:
         classes : int
             Largest number of different radii of each set in values and gradients, because each radius takes a
             transform; radii grow to the next of these. Verdicts use the radii as passed.
-        bump, tolerance, accuracy
+        bump, tolerance
             As for the class.
 
         Raises as the class does. Also raises InputError if only one inner set is given.
@@ -222,7 +218,7 @@ class FourierOverlap:
             check_same_dim(name, balls.dim, a.dim)
         rounded = (balls.round_radii(number, up=True) for balls in (a, b))
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
-        made = cls(*grown, tolerance=tolerance, accuracy=accuracy)
+        made = cls(*grown, tolerance=tolerance)
         made._span += math.sqrt(a.dim) * sum(balls.span for balls in sets.values())
         none = BallTree.of(a.centers[:0], a.radii[:0])
         made._trees = made._make_trees(a, b), made._make_trees(*inner) if inner else (none, none)
@@ -474,7 +470,6 @@ class _Band:
     b: BallDescriptor
     lengths: Floats
     halves: tuple[int, ...]
-    accuracy: float
 
     @cached_property
     def rings(self) -> Rings:
@@ -484,7 +479,7 @@ class _Band:
     @cached_property
     def spectrum_b(self) -> Spectrum:
         """Spectrum of B in the band."""
-        return Spectrum.of(self.b, self.b.center, self.rings, self.accuracy)
+        return Spectrum.of(self.b, self.b.center, self.rings, MIN_SPECTRUM_TOLERANCE)
 
     @cached_property
     def tail_b(self) -> float:
@@ -496,9 +491,7 @@ _norm = lru_cache(maxsize=64)(norm_square)
 """Integral of a squared descriptor, and its error; bands and rotations share it."""
 
 
-def _make_bands(
-    a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...], accuracy: float
-) -> list[_Band]:
+def _make_bands(a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...]) -> list[_Band]:
     """Return all bands, the smallest first; small bands decide most queries.
 
     The last one is the whole band. Each has an eighth of the frequencies of the next, down to about 2,000.
@@ -506,7 +499,7 @@ def _make_bands(
     found = [halves]
     while math.prod(found[-1]) > 2_000:
         found.append(tuple(math.ceil(half / 8.0 ** (1.0 / len(halves))) for half in found[-1]))
-    return [_Band(a, b, lengths, each, accuracy) for each in reversed(found)]
+    return [_Band(a, b, lengths, each) for each in reversed(found)]
 
 
 class _Level:
@@ -523,7 +516,7 @@ class _Level:
     @cached_property
     def _spectrum(self) -> Spectrum:
         """Spectrum of A in the band."""
-        return Spectrum.of(self._a, self._pivot, self.band.rings, self.band.accuracy)
+        return Spectrum.of(self._a, self._pivot, self.band.rings, MIN_SPECTRUM_TOLERANCE)
 
     @cached_property
     def sums(self) -> Terms:
@@ -544,7 +537,7 @@ class _Level:
         ball's part. The sums of ``p`` times these parts are spectra of weighted balls.
         """
         rings, a = self.band.rings, self._a
-        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, self.band.accuracy
+        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, MIN_SPECTRUM_TOLERANCE
         moments = [rings.to_rings(ball_spectrum(*shape, weights=column)) for column in a.centers.T]
         waves = (rings.indices / rings.lengths).T
         pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]

@@ -504,7 +504,6 @@ INNER, OUTER = (
     (lambda: FourierOverlap(ONE, ONE, band=0.0), "band"),
     (lambda: FourierOverlap(ONE, ONE, band=1e5), "lower one"),
     (lambda: FourierOverlap(ONE, ONE, tolerance=0.0), "tolerance"),
-    (lambda: FourierOverlap(ONE, ONE, accuracy=1e-30), "tolerance"),
     (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
     (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
     (lambda: FourierOverlap(([[0.0, 0.0]], 1e-120), ([[0.0, 0.0]], 1e-120)), "underflow"),
