@@ -107,7 +107,7 @@ def open_slice(path: StrPath, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         store = Store.open(path)
         if not store.is_done:
             raise unfinished_map_error(path, store.share_done)
-        number = int(store.slice_of[store.rotations._cells_of(store.rotations._check_rotation(rotation))])
+        number = int(store.slice_of[store.rotations.find_cells(store.rotations.check_rotation(rotation))])
         return store.states_at(number)
 
     return retry_if_replaced(path, read)

@@ -191,7 +191,7 @@ class CSpace(ConfigurationMap, MapExport):
         radians, or a quaternion.
         """
         part: States = self._seen[
-            int(self._slice_of[self.rotations._cells_of(self.rotations._check_rotation(rotation))])
+            int(self._slice_of[self.rotations.find_cells(self.rotations.check_rotation(rotation))])
         ]
         return part
 
@@ -214,7 +214,7 @@ class CSpace(ConfigurationMap, MapExport):
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = count_states(states)[:, FREE][self._slice_of]
-        mean = float(free @ rotations._volumes / rotations._volumes.sum()) * grid.spacing**grid.dim
+        mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
         return {
             **({"slices": len(states)} if rotations.names else {}),
             "workspace": self.workspace.source,
@@ -277,7 +277,7 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
-        inside: Bools = sums == counts[self._slice_of[self.rotations._cells_of(np.asarray(q, dtype=np.float64))]]
+        inside: Bools = sums == counts[self._slice_of[self.rotations.find_cells(np.asarray(q, dtype=np.float64))]]
         return inside if inside.ndim else bool(inside)
 
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
@@ -502,7 +502,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
         dim = self.grid.dim
-        if not self.rotations._steps_between(*endpoints)[dim:].any():
+        if not self.rotations.steps_between(*endpoints)[dim:].any():
             endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
         if straight and self.edge_checker()(*endpoints[0], *endpoints[1]):
             return endpoints
@@ -569,7 +569,7 @@ class CSpace(ConfigurationMap, MapExport):
         dim, rotations = self.grid.dim, self.rotations
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
-        turns = rotations._neighbors, self._turn_costs
+        turns = rotations.neighbors, self._turn_costs
         factors = NO_FACTORS if factors is None else factors
         cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors=factors)
         if not len(cells):
@@ -700,7 +700,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
-        fewer = self.rotations._argument_for_fewer
+        fewer = self.rotations.argument_for_fewer
         check_memory(needed, "the map, to search it by clearance,", self.grid, fewer=fewer)
         return self._distances.array()
 
@@ -1001,7 +1001,7 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
-        grid, rotations = self.grid, self.rotations._compile(self._slice_of)
+        grid, rotations = self.grid, self.rotations.make_lookups(self._slice_of)
         return Map(
             self._seen,
             self._seen.reshape(-1),
@@ -1034,14 +1034,14 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.components import Components
 
         exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
-        return Components(self._seen, self._slice_of, self.rotations._neighbors, exterior_open)
+        return Components(self._seen, self._slice_of, self.rotations.neighbors, exterior_open)
 
     @lazy
     def _distances(self) -> DistanceMap:
         """Distances of cells to those that are not FREE; they follow updates."""
         from cspace.map.distance import BYTES_PER_CELL, DistanceMap
 
-        needed, fewer = BYTES_PER_CELL * self._seen.size, self.rotations._argument_for_fewer
+        needed, fewer = BYTES_PER_CELL * self._seen.size, self.rotations.argument_for_fewer
         check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
         return DistanceMap(self._seen, self._exterior.table, self._lock)
 
@@ -1133,7 +1133,7 @@ class CSpace(ConfigurationMap, MapExport):
             bad = self._classify()(parts, np.empty(len(out), dtype=np.uint8))
             if bad >= 0:
                 return bad
-            slices = np.unique(self._slice_of[self.rotations._cells_of(np.asarray(parts[0]))])
+            slices = np.unique(self._slice_of[self.rotations.find_cells(np.asarray(parts[0]))])
             table = self._distances.of_slices(slices.tolist())
         return self._backend.query(clearances, table)(parts, out)
 
@@ -1153,7 +1153,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises ConfigurationError otherwise.
         """
-        point = self.rotations._make_canonical(self._check_configurations(q, name), name)
+        point = self.rotations.make_canonical(self._check_configurations(q, name), name)
         is_inside = point.ndim == 1 and self.grid.contains(point[: self.grid.dim])
         if not is_inside or (free and not self.is_free(point, exact=exact)):
             kind = ("free " if exact else "FREE ") if free else ""

@@ -373,7 +373,7 @@ class Store:
     @cached_property
     def rotations(self) -> Rotations:
         """Rotation cells of the map."""
-        return Rotations._from_coordinates({name: self.array(name) for name in turns_of(self.names)})
+        return Rotations.from_stored_arrays({name: self.array(name) for name in turns_of(self.names)})
 
     @cached_property
     def slice_of(self) -> Ints:
@@ -381,8 +381,8 @@ class Store:
 
         Raises ValueError if the rotation cells, or the cells that share a slice, differ from the robot's.
         """
-        slice_of = self.rotations._slices_for(self.robot.shape)
-        for name, needed in ({"slice_of": slice_of} | self.rotations._coordinates).items():
+        slice_of = self.rotations.assign_slices(self.robot.shape)
+        for name, needed in ({"slice_of": slice_of} | self.rotations.stored_arrays).items():
             if not np.allclose(self.array(name), needed, rtol=0.0, atol=_ROTATION_ROUNDING):
                 raise ValueError(f"its array {name!r} does not match its rotation cells and its robot")
         return slice_of

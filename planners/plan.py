@@ -664,7 +664,7 @@ def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
     if edges.drive == HOLONOMIC:
         return []
     limits, rotations = [], edges.space.rotations
-    borders = np.asarray(rotations._coordinates["yaw_bounds"])
+    borders = np.asarray(rotations.stored_arrays["yaw_bounds"])
     for name, q in zip(("start", "goal"), endpoints, strict=True):
         free = edges.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
         cell = int(rotations.cell_of(q[2]))

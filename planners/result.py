@@ -487,7 +487,7 @@ class Plan:
     @property
     def _moves_joints(self) -> bool:
         """Whether configurations are joint positions instead of poses."""
-        known = {"x", "y", "z", *Rotations._all_names()}
+        known = {"x", "y", "z", *Rotations.all_names()}
         return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
 
     def _check_solved(self, rule: str) -> None:

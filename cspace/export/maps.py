@@ -150,7 +150,7 @@ def export(
     if suffix in _CELL_WRITERS:
         cells: Sequence[int] = range(len(contents.rotations))
         if rotation is not None or suffix not in _MULTI_CELL_SUFFIXES:
-            cells = [contents.rotations._one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
+            cells = [contents.rotations.find_one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
         _CELL_WRITERS[suffix][0](contents, cells, path, overwrite)
         return
     if rotation is not None:
@@ -235,7 +235,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     """
     import xarray
 
-    dim, cells = contents.grid.dim, contents.rotations._leading_axes(len(contents.rotations))
+    dim, cells = contents.grid.dim, contents.rotations.leading_axes(len(contents.rotations))
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
     contents = replace(contents, exterior=None)  # it labels no cells

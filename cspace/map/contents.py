@@ -100,7 +100,7 @@ class Contents:
 
         If the robot does not rotate, it is the shape of the cells alone.
         """
-        return (*self.rotations._leading_axes(n), *self.grid.shape)
+        return (*self.rotations.leading_axes(n), *self.grid.shape)
 
     def copy(self) -> Contents:
         """Return a copy that shares only constant arrays."""

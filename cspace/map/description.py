@@ -208,7 +208,7 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     if contents.overlap_counts is not None:
         arrays["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    return {**arrays, **contents.rotations._coordinates, **shapes_array(workspace.shapes)}
+    return {**arrays, **contents.rotations.stored_arrays, **shapes_array(workspace.shapes)}
 
 
 def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:

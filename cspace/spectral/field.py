@@ -78,7 +78,7 @@ class OverlapField:
         axes = [grid.centers(axis) for axis in range(grid.dim)]
         centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         values = np.empty(map_.states.shape)
-        rotation_cells = space.rotations._shape_cells(grid.dim)
+        rotation_cells = space.rotations.make_shape_cells(grid.dim)
         for number in range(len(values)):
             first_cell = int(np.argmax(map_.slice_of == number))
             matrix = rotation_cells[first_cell].matrix
@@ -104,7 +104,7 @@ class OverlapField:
         points = check_points(q, "q", space.size)
         rows = points.reshape(-1, space.size)
         places = (rows[:, : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
-        slices = space.slice_of[space.rotations._cells_of(rows)]
+        slices = space.slice_of[space.rotations.find_cells(rows)]
         coordinates = np.column_stack([slices, places]).T
         found = map_coordinates(self.cells, coordinates, order=1, mode="nearest")
         return np.asarray(np.maximum(found, 0.0).reshape(points.shape[:-1]))[()]
@@ -113,7 +113,7 @@ class OverlapField:
 def _shape_on(space: CSpace) -> tuple[int, ...]:
     """Return the shape of a field of the map."""
     slices = space._kernel_map.states.shape[0]
-    return (*space.rotations._leading_axes(slices), *space.grid.shape)
+    return (*space.rotations.leading_axes(slices), *space.grid.shape)
 
 
 @kernel

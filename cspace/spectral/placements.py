@@ -415,8 +415,8 @@ def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: i
     """Return rotations, as for :func:`best_placements`, as matrices (m, d, d)."""
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
-        cells._check_dimension(dim)
-        return cells._matrices(cells.centers, dim)
+        cells.check_dimension(dim)
+        return cells.make_matrices(cells.centers, dim)
     values = check_finite(rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations, "rotations")
     flat = np.atleast_1d(values) if dim == 2 and values.ndim < 2 else values.reshape(-1, *values.shape[-2:])
     if not len(flat):

@@ -58,10 +58,10 @@ def build_tiles(
     exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the workspace has changed.
     """
     grid, cells, rotations = workspace.grid, workspace.cells, settings["rotations"]
-    slices = int(rotations._slices_for(robot.shape).max()) + 1
+    slices = int(rotations.assign_slices(robot.shape).max()) + 1
     sides = resolve_tile(tile, grid.shape)
     needed = raster_bytes(robot, grid.spacing, settings["margin"], rotations, slices)  # every process holds all rasters
-    check_memory(needed, "the map", grid, fewer=rotations._argument_for_fewer, slices=slices, rasters=needed)
+    check_memory(needed, "the map", grid, fewer=rotations.argument_for_fewer, slices=slices, rasters=needed)
     outside, margin = settings["outside"], settings["margin"]
     about = {
         **describe_map(grid, robot, rotations, slices, outside, margin, workspace.source),
@@ -83,7 +83,7 @@ def build_tiles(
         )
     else:
         centers = {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
-        arrays = {"slice_of": rotations._slices_for(robot.shape), **rotations._coordinates, **centers, **shapes}
+        arrays = {"slice_of": rotations.assign_slices(robot.shape), **rotations.stored_arrays, **centers, **shapes}
         with replacing(store, folder=is_store) as temporary:
             Store.create(temporary, about, arrays)
         opened = Store.open(store)

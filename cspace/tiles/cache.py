@@ -189,7 +189,7 @@ class TileBackend:
     def _map(self) -> Map:
         """The map for kernels, with currently loaded tiles."""
         grid, cells = self.store.grid, self._cache.cells
-        rotations = self.store.rotations._compile(self.store.slice_of)
+        rotations = self.store.rotations.make_lookups(self.store.slice_of)
         return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self.exterior.table)
 
     @cached_property

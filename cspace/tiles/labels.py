@@ -52,7 +52,7 @@ class TileComponents:
         self.shape = tuple(part.stop - part.start for part in self.cells)
         closed = np.zeros(store.slices, dtype=np.bool_)
         states = np.asarray(store.states_in(self.cells))
-        self.components = Components(states, store.slice_of, store.rotations._neighbors, closed)
+        self.components = Components(states, store.slice_of, store.rotations.neighbors, closed)
 
     def roots(self) -> tuple[Ints, Ints]:
         """Return components of cells on faces, or -1.
@@ -171,7 +171,7 @@ class TiledLabels:
         exterior = self.offsets[OPEN_KIND][-1]
         pairs[OPEN_KIND] += [np.add(touching, (0, exterior)) for touching in exterior_pairs]
         if len(rotations) > 1:
-            neighbors = store.rotations._neighbors
+            neighbors = store.rotations.neighbors
             one, other = np.nonzero(neighbors >= 0)[0], neighbors[neighbors >= 0].astype(np.int64)
             both = self._open[one] & self._open[other]
             pairs[OPEN_KIND].append(exterior + _unique_pairs(one[both], other[both]))

@@ -221,7 +221,7 @@ class TiledCSpace(ConfigurationMap):
             yaw in [-pi, pi). Each goal is the start of the next tile. Empty if no FREE cells connect q0 and q1.
         """
         q0, q1 = (
-            self.rotations._make_canonical(self._check_configurations(q, name), name)
+            self.rotations.make_canonical(self._check_configurations(q, name), name)
             for q, name in ((q0, "q0"), (q1, "q1"))
         )
         cells = [self._cells_of(q) for q in (q0, q1)]

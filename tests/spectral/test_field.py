@@ -266,6 +266,6 @@ def test_field_supports_rotations_in_space() -> None:
     field = OverlapField.of(space, overlap)
     turns = Rotation.random(5, random_state=1)
     q = np.column_stack([np.tile([0.45, 0.45, 0.35], (5, 1)), turns.as_quat()])
-    matrices = [turn.matrix for turn in space.rotations._shape_cells(3)]
+    matrices = [turn.matrix for turn in space.rotations.make_shape_cells(3)]
     expected = [overlap.rotated(matrices[k]).value(q[0, :3]) for k in space.rotations.cell_of(turns.as_quat())]
     assert field.at(q) == pytest.approx(expected, rel=1e-6) and min(expected) > 0.0
