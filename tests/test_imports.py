@@ -19,10 +19,10 @@ ORDER = [
     "cspace.plot",
     "cspace.export",
     "cspace.arms",
+    "cspace.spectral",
     "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening "
     "cspace.update cspace.tiles",
     "cspace.store",
-    "cspace.spectral",
     "cspace.exact",
     "cspace.map",
     "cspace.engines",
