@@ -204,11 +204,11 @@ def build(
         raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)
     workspace = workspace._in_memory()
     grid = workspace.grid
-    slice_of = cells._slices_for(robot.shape)
+    slice_of = cells.assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
     rasters_bytes = raster_bytes(robot, grid.spacing, margin, cells, slices)
     needed = map_bytes(grid.shape, slices, counts) + rasters_bytes
-    check_fits = partial(check_memory, grid=grid, fewer=cells._argument_for_fewer, slices=slices, rasters=rasters_bytes)
+    check_fits = partial(check_memory, grid=grid, fewer=cells.argument_for_fewer, slices=slices, rasters=rasters_bytes)
     check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
     rasters = slice_rasters(robot, grid.spacing, margin, cells)
     groups = group_rasters(rasters, inner)
@@ -261,7 +261,7 @@ def _check(
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
         hint = "use robot.footprint()" if robot.dim == 3 else "use a robot in space, or a workspace in the plane"
         raise InputError("robot", problem, "they must agree", hint, value=robot)
-    rotations._check_dimension(robot.dim)
+    rotations.check_dimension(robot.dim)
     if workers is not None:
         check_count(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")

@@ -405,7 +405,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         They are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and may lie outside the grid.
         """
         cells = self.grid.cell_of(points[..., : self.grid.dim])
-        return np.concatenate([self.rotations._cells_of(points)[..., None], cells], axis=-1)
+        return np.concatenate([self.rotations.find_cells(points)[..., None], cells], axis=-1)
 
 
 def _bool_or_array(proven: Bools) -> bool | Bools:

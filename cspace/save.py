@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import BLOCKED, FIELD_NAME, FREE, MIXED, Ints, StrPath
+from cspace.arrays import BLOCKED, FREE, MIXED, Ints, StrPath
 from cspace.check import check_not_negative
 from cspace.errors import FileError
 from cspace.files.access import check_suffix, read_bytes, read_member, replacing
@@ -354,7 +354,6 @@ def _make_contents(attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[st
         check_not_negative(attributes["margin_m"], "margin_m"),
         attributes["precision"],
         arrays.get("overlap_counts"),
-        _make_field(arrays, rotations),
         check_exterior(arrays["exterior"], outside) if "exterior" in arrays else None,
         None if proves_blocked is None else bool(proves_blocked),
     )
@@ -385,25 +384,17 @@ def _check_rotations(
 
     Raises ValueError if an array of coordinates differs from what they determine.
     """
-    rotations = Rotations._from_coordinates({name: arrays[name] for name in turns_of(arrays)})
-    rotations._check_dimension(robot.dim)
-    slice_of = rotations._slices_for(robot.shape)
+    rotations = Rotations.from_stored_arrays({name: arrays[name] for name in turns_of(arrays)})
+    rotations.check_dimension(robot.dim)
+    slice_of = rotations.assign_slices(robot.shape)
     if (len(slice_of), slice_of.max() + 1) != (attributes["rotations"], attributes["slices"]):
         raise ValueError("its numbers of rotation cells and slices differ from those of its robot")
     centers = {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
-    for name, needed in ({"slice_of": slice_of} | rotations._coordinates | centers).items():
+    for name, needed in ({"slice_of": slice_of} | rotations.stored_arrays | centers).items():
         rounding = _ROTATION_ROUNDING * max(1.0, float(np.abs(needed).max()))
         if not np.allclose(arrays[name], needed, rtol=0.0, atol=rounding):
             raise ValueError(f"its array {name!r} does not match its grid, rotations and robot")
     return rotations, slice_of
-
-
-def _make_field(arrays: Mapping[str, NDArray[Any]], rotations: Rotations) -> NDArray[Any] | None:
-    """Return the values of the overlap field, if the map has one."""
-    if FIELD_NAME not in arrays:
-        return None
-    slices, *cells = arrays[FIELD_NAME].shape
-    return arrays[FIELD_NAME].reshape(*rotations._leading_axes(slices), *cells)
 
 
 def check_exterior(table: Ints, outside: str) -> Exterior:

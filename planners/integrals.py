@@ -16,7 +16,7 @@ from cspace.map.edges import position_along
 from cspace.map.record import Map
 from cspace.rotations.lookup import arc_angle_and_error, rotation_along
 from cspace.space import CSpace
-from cspace.spectral.overlap import field_at
+from cspace.spectral.field import field_at
 
 Field = DistanceMap | Floats | None
 """Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none (zero)."""

@@ -398,7 +398,7 @@ class EdgesOnMap(LocalPlanner):
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the lengths of all free paths from below."""
         space: ConfigurationMap = self.space
-        steps, dim = space.rotations._steps_between(first, last), space.grid.dim
+        steps, dim = space.rotations.steps_between(first, last), space.grid.dim
         straight = float(np.linalg.norm(steps[:dim]))
         metres = space.min_path_length(first, last) if isinstance(space, CSpace) else straight
         return (1.0 - LENGTH_ROUNDING_SHARE) * (metres + self.rotation_weight * float(np.linalg.norm(steps[dim:])))
@@ -412,7 +412,7 @@ class EdgesOnMap(LocalPlanner):
         """
         space, dim = self.space, self.space.grid.dim
         pieces = self._split_or_point(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
-        rows, cells = space.rotations._cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
+        rows, cells = space.rotations.find_cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
         q = pieces.centers[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is constant in a rotation cell
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
@@ -447,7 +447,7 @@ class EdgesOnMap(LocalPlanner):
         """
         space = self.space
         given = self._check_size(q, name)
-        point: Configuration = tuple(space.rotations._make_canonical(given, name).tolist())
+        point: Configuration = tuple(space.rotations.make_canonical(given, name).tolist())
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
         if inside and self.straight_checker()(*point, *point):
@@ -458,11 +458,11 @@ class EdgesOnMap(LocalPlanner):
         """Return True if a rounded configuration lies in the cell of `q`, and is as free."""
         space, dim = self.space, self.space.grid.dim
         try:
-            points = space.rotations._make_canonical(np.stack([typed, q]), "q")
+            points = space.rotations.make_canonical(np.stack([typed, q]), "q")
         except InputError:  # too few digits for a quaternion of norm 1
             return False
         cells = space.grid.cell_of(points[:, :dim])
-        rotation_cells = space.rotations._cells_of(points)
+        rotation_cells = space.rotations.find_cells(points)
         if (cells[0] != cells[1]).any() or rotation_cells[0] != rotation_cells[1]:
             return False
         is_free = self.straight_checker()
@@ -547,9 +547,7 @@ class StraightEdges(EdgesOnMap):
         """Split each edge into equal pieces of at most ``step`` and ``rotation``."""
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
-        centers = self.space.rotations._add_steps(
-            path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge]
-        )
+        centers = self.space.rotations.add_steps(path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge])
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
@@ -562,7 +560,7 @@ class StraightEdges(EdgesOnMap):
         counts = np.where(radians > 0.0, counts, 1)
         edge, index = _index_pieces(counts)
         rotations, shares = self.space.rotations, (index / counts[edge])[:, None]
-        rows = rotations._make_canonical(rotations._add_steps(path[:-1][edge], shares * steps[edge]))
+        rows = rotations.make_canonical(rotations.add_steps(path[:-1][edge], shares * steps[edge]))
         rows[index == 0] = path[:-1]
         return np.concatenate([rows, path[-1:]]), None
 
@@ -574,7 +572,7 @@ class StraightEdges(EdgesOnMap):
 
     def _displacements(self, starts: Floats, ends: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the displacements along straight edges, and their metres and radians."""
-        dim, steps = self.space.grid.dim, self.space.rotations._steps_between(starts, ends)
+        dim, steps = self.space.grid.dim, self.space.rotations.steps_between(starts, ends)
         return steps, np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
 
 

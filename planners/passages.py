@@ -48,7 +48,7 @@ class Passages:
         If the search finds no path in time, n is 0.
         """
         space, ends = self.edges.space, np.array(endpoints[:2])
-        first, last = np.column_stack([space.rotations._cells_of(ends), space.grid.cell_of(ends[:, : space.grid.dim])])
+        first, last = np.column_stack([space.rotations.find_cells(ends), space.grid.cell_of(ends[:, : space.grid.dim])])
         closed = np.zeros((len(space.rotations), *space.grid.shape), dtype=np.bool_)
         while clock() < self.until:
             try:
@@ -70,7 +70,7 @@ class Passages:
         space = self.edges.space
         rotations, grid = space.rotations, space.grid
         states = np.where(closed, np.uint8(BLOCKED), np.asarray(space._seen)[space.slice_of])
-        turns = rotations._neighbors, turn_costs(rotations, grid.dim, grid.spacing)
+        turns = rotations.neighbors, turn_costs(rotations, grid.dim, grid.spacing)
         slice_of = np.arange(len(rotations))
         ends = first, last, self.until
         return find_chain(states, slice_of, turns, *ends, weight=EXACT_WEIGHT, mixed_cost=MIXED_COST, by_sides=True)
@@ -151,15 +151,15 @@ class Passages:
         """
         space, rng, half = self.edges.space, self.rng, DRAWS_PER_CELL // 2
         rotations, dim, centers = space.rotations, space.grid.dim, self._centers(np.stack([before, cell]))
-        step = rotations._steps_between(*centers)
+        step = rotations.steps_between(*centers)
         size = np.full(len(step), space.grid.spacing)
         size[dim:] = 2.0 * rotations.covering_angles[cell[0]]
-        uniform = rotations._add_steps(centers[[1] * half], size * rng.uniform(-1.5, 1.5, (half, len(size))))
+        uniform = rotations.add_steps(centers[[1] * half], size * rng.uniform(-1.5, 1.5, (half, len(size))))
         steps = rng.uniform(0.0, 1.5, (half, 1)) * step
         steps += size * 10.0 ** rng.uniform(-3.0, 0.0, (half, 1)) * rng.uniform(-1.0, 1.0, steps.shape)
         # Half of the steps do not turn the robot, because a passage may leave no room to turn.
         steps[rng.random(half) < 0.5, dim:] = 0.0
-        return np.concatenate([rotations._add_steps(reached[rng.integers(len(reached), size=half)], steps), uniform])
+        return np.concatenate([rotations.add_steps(reached[rng.integers(len(reached), size=half)], steps), uniform])
 
     def _centers(self, cells: Ints) -> Floats:
         """Return the centers, shape (..., size), of cells ``(rotation, x, ...)``."""

@@ -47,7 +47,6 @@ from planners.local_planner import (
 )
 from planners.objectives import (
     ClearanceObjective,
-    OverlapObjective,
     WeightedLength,
     edges_on_map,
     find_clear_path,
@@ -86,12 +85,6 @@ _WHY_ONE_GOAL: Final = {
     "BFMT": "of OMPL 2.0.1 may end the process if it has several",
 }
 """Planners that take one goal, with the reason."""
-
-_OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
-    CLEARANCE: ClearanceObjective,
-    "overlap": OverlapObjective,
-}
-"""Objectives other than the length, by name."""
 
 
 class Choices(NamedTuple):
@@ -177,12 +170,12 @@ def plan(
     *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
     part of each common face. Only tiles on the way are opened, and the time limit holds for each tile. If the drive is
     holonomic, "Grid" takes over in tiles where the planner finds no path. Straight paths are then shortened as a whole.
-    Objectives and drives apply tile by tile; ``exact`` and "overlap" need a map in memory.
+    Objectives and drives apply tile by tile; ``exact`` needs a map in memory.
 
     *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in step, continuous joints
     the shorter way. The geometry itself proves every edge, so ``exact`` changes nothing. Angles of continuous joints in
-    the path are not wrapped, so that straight motions join its rows. Drives, "Grid", "MaxClearance", "clearance" and
-    "overlap" are for maps.
+    the path are not wrapped, so that straight motions join its rows. Drives, "Grid", "MaxClearance" and
+    "clearance" are for maps.
 
     *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if FREE cells join
     start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane no path through FREE cells is
@@ -234,12 +227,12 @@ def plan(
         Whether to shorten the path. The result replaces the path only if it is certified and no worse by the objective.
     seed : int, optional
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
-    objective : {"length", "clearance", "overlap"} or callable
+    objective : {"length", "clearance"} or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
-        by "Grid" if no planner is named; the robot must then be holonomic. "overlap" is
-        :class:`planners.OverlapObjective` with the field that the map carries. A callable takes the
-        space information and returns an ``ompl.base.OptimizationObjective``. The length counts a
-        radian of rotation as half a metre, except along curves; see :attr:`Plan.total_rotation`.
+        by "Grid" if no planner is named; the robot must then be holonomic. A callable takes the
+        space information and returns an ``ompl.base.OptimizationObjective``, for example ``lambda si:
+        planners.OverlapObjective(si, space, field)``. The length counts a radian of rotation as half a metre, except
+        along curves; see :attr:`Plan.total_rotation`.
 
         Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar. FMT and BFMT take them
         with a time limit of many seconds, because they compute the cost between all pairs of near samples. Each of
@@ -343,12 +336,10 @@ def _choose_planner(
     Raises InputError if none that is chosen by default minimises the objective.
     """
     name = BIRRT if BIRRT in edges.built_in_searches else planner_named(None, edges.drive)
-    is_known = isinstance(objective, str) and objective in _OBJECTIVES
-    is_for_map = is_known and isinstance(edges, EdgesOnMap)
+    is_for_map = objective == CLEARANCE and isinstance(edges, EdgesOnMap)
     if not is_for_map and not callable(objective):  # the length, or an error for later
         return name
-    given = "a function" if callable(objective) else repr(objective)
-    problem = f"is {given} and no planner is named"
+    problem = "is a function and no planner is named"
     rule = "the default planners minimise the length"
     if objective == CLEARANCE:
         # OMPL's default planner ignores objectives, but the map's own search weighs clearance.
@@ -438,23 +429,19 @@ def _make_objective(
             return None
         plane = edges_on_map(space, drive, radius).space
         return lambda si: WeightedLength(si, plane, drive=drive)
-    kind = _OBJECTIVES.get(objective) if isinstance(objective, str) else None
-    if kind is None and not callable(objective):
-        rule = f"it must be 'length', {', '.join(map(repr, _OBJECTIVES))}, or a function that makes OMPL's objective"
-        raise InputError("objective", f"is {objective!r}", rule, "choose one of them", value=objective)
-    cells = edges_on_map(space, drive, radius).space if kind is not None else None
-    if cells is not None and kind is OverlapObjective and cells.overlap_field is None:
-        rule = "it needs an overlap field, but the map carries none"
-        hint = "plan on space.with_overlap_field(overlap)"
+    if objective != CLEARANCE and not callable(objective):
+        rule = f"it must be 'length', {CLEARANCE!r}, or a function that makes OMPL's objective"
+        hint = "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)"
         raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
+    cells = edges_on_map(space, drive, radius).space if objective == CLEARANCE else None
     if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
         without = planner in PLANNERS_WITHOUT_OBJECTIVE
         rule = f"{planner} {'ignores objectives' if without else NO_SECOND_THREAD}"
         problem, hint = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
         raise InputError("objective", problem, rule, hint, value=objective)
-    if kind is None or cells is None:
+    if cells is None:
         return objective  # type: ignore[return-value]  # unknown strings were refused above
-    return lambda si: kind(si, cells, drive=drive, turning_radius=radius)
+    return lambda si: ClearanceObjective(si, cells, drive=drive, turning_radius=radius)
 
 
 def _prefer_built_in(task: _Task) -> _Task:
@@ -677,7 +664,7 @@ def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
     if edges.drive == HOLONOMIC:
         return []
     limits, rotations = [], edges.space.rotations
-    borders = np.asarray(rotations._coordinates["yaw_bounds"])
+    borders = np.asarray(rotations.stored_arrays["yaw_bounds"])
     for name, q in zip(("start", "goal"), endpoints, strict=True):
         free = edges.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
         cell = int(rotations.cell_of(q[2]))

@@ -29,8 +29,8 @@ def find_needed_rotations(space: CSpace, q: Configuration) -> str:
     """
     point, robot, spacing = np.array(q), space.robot, space.grid.spacing
     for argument, rotations in narrower_rotations(robot, space.rotations, MIN_MOVE * spacing):
-        _, numbers = rotations._cells_within(point[np.newaxis], np.array([2.0 * ANGLE_SLACK]))
-        cells = rotations._shape_cells(space.grid.dim)
+        _, numbers = rotations.find_cells_within(point[np.newaxis], np.array([2.0 * ANGLE_SLACK]))
+        cells = rotations.make_shape_cells(space.grid.dim)
         rasters = (robot.rasters(spacing, space.margin, cells[number]) for number in numbers)
         if all(_is_free(space, point, outer) for outer, _ in rasters):
             return argument

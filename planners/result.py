@@ -112,7 +112,7 @@ class Plan:
     planner : str
         Name of the planner.
     objective : str
-        Quantity that was minimised: ``"length"``, ``"clearance"``, ``"overlap"`` or ``"custom"``.
+        Quantity that was minimised: ``"length"``, ``"clearance"`` or ``"custom"``.
     drive : str
         Motion of the robot along edges; see :func:`planners.plan`.
     turning_radius : float or None
@@ -487,7 +487,7 @@ class Plan:
     @property
     def _moves_joints(self) -> bool:
         """Whether configurations are joint positions instead of poses."""
-        known = {"x", "y", "z", *Rotations._all_names()}
+        known = {"x", "y", "z", *Rotations.all_names()}
         return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
 
     def _check_solved(self, rule: str) -> None:

@@ -19,6 +19,7 @@ ORDER = [
     "cspace.plot",
     "cspace.export",
     "cspace.arms",
+    "cspace.spectral",
     "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening "
     "cspace.update cspace.tiles",
     "cspace.save",

@@ -134,7 +134,7 @@ def test_only_existing_arrays_are_stored(tmp_path: Path) -> None:
         path = tmp_path / f"map{suffix}"
         held = [entry.name for entry in path.iterdir()]
         assert {"cell_states", "outer", "x"} <= set(held)
-        assert not set(held) & {"inner", "unknown", "overlap_counts", "shapes", "z", "yaw", "penetration"}
+        assert not set(held) & {"inner", "unknown", "overlap_counts", "shapes", "z", "yaw"}
 
 
 @pytest.mark.parametrize("most", [1, 50, 1000])

@@ -66,7 +66,7 @@ def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     except Exception:  # opening the map raises a better error, whatever is wrong
         space = open_map(file)
         return space.axes, space.units
-    known = Rotations._all_units()
+    known = Rotations.all_units()
     return tuple(axes), (*units, *(known.get(axis, "m") for axis in axes[len(units) :]))
 
 

@@ -87,7 +87,7 @@ class Problem(NamedTuple):
         """
         return (
             self.margin
-            + self.rotations._slack * self.robot.span
+            + self.rotations.slack * self.robot.span
             + DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
         )
 

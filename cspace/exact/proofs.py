@@ -232,7 +232,7 @@ class BoundaryProofs:
         scale = 2.0 ** -math.frexp(max_coordinate)[1]
         trees, roots = build_trees(
             [RoundedSimplices(scale * part.simplices, scale * part.radii) for part in (boundary, fixed, walls)],
-            problem.rotations._about_z,
+            problem.rotations.about_z,
         )
         corners, starts = connected_parts(boundary)
         part_stops = np.append(starts[1:], len(corners))
@@ -321,7 +321,7 @@ class BoundaryProofs:
         """
         positions, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         positions[:, : self._dim], matrices[:, 2, 2] = points[:, : self._dim], 1.0
-        matrices[:, : self._dim, : self._dim] = self._rotations._rotation_matrices(points)
+        matrices[:, : self._dim, : self._dim] = self._rotations.rotation_matrices(points)
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:

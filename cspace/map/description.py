@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import FIELD_NAME, STATE_NAMES
+from cspace.arrays import STATE_NAMES
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.storage import read_only
@@ -25,7 +25,7 @@ VERSION: Final = 6
 
 AXES: Final = ("x", "y", "z")
 
-STACKED: Final = ("cell_states", "overlap_counts", FIELD_NAME)
+STACKED: Final = ("cell_states", "overlap_counts")
 """Arrays with one entry for each slice."""
 
 
@@ -75,7 +75,6 @@ ARRAYS: Final[dict[str, Stored]] = {
     "overlap_counts": _stored(
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
     ),
-    FIELD_NAME: _stored("slice cells", "float64", math.inf, "overlap of the descriptors of robot and obstacles"),
     "slice_of": _stored(
         "rotation",
         "int64",
@@ -132,8 +131,6 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     if name in AXES:
         number = AXES.index(name)
         about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
-    if name == FIELD_NAME:
-        about["units"] = f"m{grid.dim}"
     return about
 
 
@@ -170,9 +167,15 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """Return the arrays of a map, by the names of :func:`stored`.
 
+    <<<<<<< HEAD
     No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``,
     ``unknown`` if there are such cells, ``overlap_counts`` and the overlap field if the map has them, the arrays of
     rotation cells if the robot rotates, and ``shapes`` if the obstacles have shapes.
+    =======
+    No cells are copied; states may be packed in two bits. Optional arrays are ``inner`` if it differs from ``outer``,
+    ``unknown`` if there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if the
+    robot rotates, and ``shapes`` if the obstacles have shapes.
+    >>>>>>> spectral
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
@@ -186,12 +189,10 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
         arrays["unknown"] = workspace.unknown
     if contents.exterior is not None:
         arrays["exterior"] = contents.exterior.table
-    stacked: dict[str, NDArray[Any]] = {} if contents.field is None else {FIELD_NAME: contents.field}
     if contents.overlap_counts is not None:
-        stacked["overlap_counts"] = read_only(contents.overlap_counts)
-    arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}
+        arrays["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    return {**arrays, **contents.rotations._coordinates, **shapes_array(workspace.shapes)}
+    return {**arrays, **contents.rotations.stored_arrays, **shapes_array(workspace.shapes)}
 
 
 def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:

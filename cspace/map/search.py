@@ -216,7 +216,7 @@ def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
     in metres.
     """
     centers = np.column_stack([np.zeros((len(rotations), dim)), rotations.centers])
-    steps = rotations._steps_between(centers[:, None], centers[rotations._neighbors])
+    steps = rotations.steps_between(centers[:, None], centers[rotations.neighbors])
     return np.asarray(METRES_PER_RADIAN / spacing * np.linalg.norm(steps, axis=-1))
 
 

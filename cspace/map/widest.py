@@ -84,7 +84,7 @@ class WidthMap:
         path = [tuple(cell.tolist())]
         while True:
             rotation, *position = path[-1]
-            others = self.rotations._neighbors[rotation].tolist()
+            others = self.rotations.neighbors[rotation].tolist()
             candidates = [(other, *position) for other in others if other >= 0]
             for axis, step in product(range(len(position)), (-1, 1)):
                 moved = position.copy()
@@ -108,7 +108,7 @@ class WidthMap:
         is_done = False
         while not is_done:
             check_deadline(until)
-            is_done = flood(layered, self.slice_of, self.rotations._neighbors, last, queue)
+            is_done = flood(layered, self.slice_of, self.rotations.neighbors, last, queue)
         return float(queue.level[0]) / LEVELS_PER_CELL
 
     def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
@@ -117,7 +117,7 @@ class WidthMap:
         Raises TimeoutError after ``until``.
         """
         states = narrow_states(self.widths, min_width)
-        turns = self.rotations._neighbors, self.turns
+        turns = self.rotations.neighbors, self.turns
         return find_chain(states, self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
 
 
@@ -231,7 +231,7 @@ def find_widest_path(
     cells passed. Raises TimeoutError after ``until``.
     """
     rotations, ends = widths.rotations, endpoints[1]
-    q = rotations._make_canonical(endpoints[0])
+    q = rotations.make_canonical(endpoints[0])
     up, down = (widths.climb(cell) for cell in ends)
     width = widths.bottleneck(up[-1], down[-1], until)
     if not width:

@@ -77,15 +77,15 @@ class QuaternionRotations(Rotations):
     n: int
     names = ("qx", "qy", "qz", "qw")
     units = ("1",) * 4
-    _examples = ("0", "0", "0", "1")
-    _limits = "a quaternion (qx, qy, qz, qw) of norm 1"
+    examples = ("0", "0", "0", "1")
+    limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate("representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}),
         "covering_angle": COVERING_ANGLE,
     }
 
     @classmethod
-    def _of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
+    def of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
         """Create cells from the number of parts of an axis.
 
         See :meth:`Rotations.quaternions`.
@@ -95,34 +95,34 @@ class QuaternionRotations(Rotations):
         )
 
     @classmethod
-    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
         """Create as many cells as there are centers."""
         return cls(max(1, round((len(coordinates["quaternion"]) / 4.0) ** (1.0 / 3.0))))
 
-    def _format_rotation(self, rotation: Floats) -> str:
+    def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
-        by = self._rotation_between(np.array([0.0, 0.0, 0.0, 1.0]), rotation)
+        by = self.rotation_between(np.array([0.0, 0.0, 0.0, 1.0]), rotation)
         angle = float(np.linalg.norm(by))
         axis = ", ".join(f"{x + 0.0:.2g}" for x in np.round(by / max(angle, 1e-9), 2).tolist())
         degrees = f"{round(math.degrees(angle), 1):g}°"
         return f"turned {degrees} about ({axis})" if angle > 1e-9 else "not turned"
 
-    def _from_matrix(self, matrix: Floats) -> Floats:
+    def from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
-    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle of another one.
 
         ``angle`` is in radians; ``numbers`` yields numbers from 0 to 1.
         """
         by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]
-        rotated: list[float] = self._rotate(np.array(rotation), np.array(by)).tolist()
+        rotated: list[float] = self.rotate(np.array(rotation), np.array(by)).tolist()
         return rotated
 
-    def _canonical(self, rotation: Floats, name: str) -> Floats:
+    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Return quaternions, shape (..., 4), with norm 1.
 
         Raises InputError if a norm is off by more than NORM_SLACK.
@@ -135,7 +135,7 @@ class QuaternionRotations(Rotations):
             raise InputError(name, f"has a quaternion of norm {worst:.9g}", "it must be 1", hint, value=worst)
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
-    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the rotation vectors from quaternions to others.
 
         They have shape (..., 3), radians, about axes fixed to the first.
@@ -148,13 +148,13 @@ class QuaternionRotations(Rotations):
         angle = 2.0 * np.arctan2(sine, np.abs(cosine))
         return np.asarray(difference * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0))
 
-    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Rotate quaternions, shape (..., 4), by rotation vectors, shape (..., 3)."""
         half = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
         rotated = multiply(rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1))
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
-    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of quaternions, shape (..., 3, 3)."""
         x, y, z, w = np.moveaxis(rotation / np.linalg.norm(rotation, axis=-1, keepdims=True), -1, 0)
         rows = [
@@ -196,24 +196,24 @@ class QuaternionRotations(Rotations):
         parts = np.clip(np.searchsorted(self.borders, quotients, side="right") - 1, 0, self.n - 1)
         return np.asarray(largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64)
 
-    def _cells_of(self, q: Floats) -> Ints:
+    def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -4:])
 
-    def _check_dimension(self, dim: int) -> None:
+    def check_dimension(self, dim: int) -> None:
         """Raise InputError for maps of the plane."""
         if dim == 2:
             rule, hint = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint, value=self)
 
-    def _preserve(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Return True if rotations leave a shape unchanged.
 
         It must be a ball about its reference point.
         """
         return shape.is_round
 
-    def _argument_for_fewer(self, share: float) -> str:
+    def argument_for_fewer(self, share: float) -> str:
         """Return the argument for fewer cells, for messages.
 
         It gives at most the fraction ``share`` of the cells.
@@ -221,14 +221,14 @@ class QuaternionRotations(Rotations):
         n = int((share * len(self) / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"rotations=Rotations.quaternions({n})" if n else ""
 
-    def _doubled(self) -> tuple[str, Rotations] | None:
+    def make_finer(self) -> tuple[str, Rotations] | None:
         """Return eight times as many cells and their argument, or None."""
         n = 2 * self.n
         if n > MAX_SUGGESTED_PARTS:
             return None
         return f"rotations=Rotations.quaternions({n})", Rotations.quaternions(n)
 
-    def _slices_for(self, shape: Symmetric) -> Ints:
+    def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells related by a half turn of the robot share a slice. In quaternions, half turns about the robot's axes
@@ -242,7 +242,7 @@ class QuaternionRotations(Rotations):
                 smallest = np.minimum(smallest, smallest[self.cell_of(self.centers @ change)])
         return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
 
-    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """List the rotations and mirrors between cells.
 
         They permute and negate quaternion components. So they map cells to cells. Each has its matrix, and the cell to
@@ -259,7 +259,7 @@ class QuaternionRotations(Rotations):
         signs = np.linalg.det(symmetries)
         # A mirror is a rotation times the point reflection; rotations come first.
         order = np.argsort(-signs, kind="stable")
-        rotations = self._from_matrix(symmetries[order] * signs[order, None, None])[:, None, None]
+        rotations = self.from_matrix(symmetries[order] * signs[order, None, None])[:, None, None]
         inverses = multiply(np.eye(4), rotations * (-1.0, -1.0, -1.0, 1.0))
         changes = np.round(multiply(multiply(inverses.swapaxes(1, 2), np.eye(4)), rotations))
         matrices = _HALF_TURNS @ symmetries[order, None].swapaxes(-1, -2)
@@ -268,9 +268,9 @@ class QuaternionRotations(Rotations):
             changes_seen.setdefault(change.tobytes(), (matrix, change))
         return changes_seen.values()
 
-    def _shape_cells(self, dim: int) -> list[RotationCell]:
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form that shapes need."""
-        matrices = self._matrices(self.centers, dim)
+        matrices = self.make_matrices(self.centers, dim)
         return [RotationCell(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
 
     @property
@@ -290,7 +290,7 @@ class QuaternionRotations(Rotations):
         return _chart(self.n).covering_angles
 
     @property
-    def _coordinates(self) -> dict[str, Floats]:
+    def stored_arrays(self) -> dict[str, Floats]:
         """Centers and covering angles of the cells.
 
         They have shapes (count, 4) and (count,), in radians.
@@ -298,14 +298,14 @@ class QuaternionRotations(Rotations):
         return dict(zip(self.COORDINATES, (self.centers, self.covering_angles), strict=True))
 
     @property
-    def _volumes(self) -> Floats:
+    def volumes(self) -> Floats:
         """Haar measure of each cell.
 
         The measures sum to 1.
         """
         return _chart(self.n).volumes
 
-    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a quaternion from each of several cells.
 
         It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each boundary that is left
@@ -324,7 +324,7 @@ class QuaternionRotations(Rotations):
             pending = pending[~accepted]
         return _quaternions(parts[:, 0], quotients)
 
-    def _angles_to_centers(self, q: Floats) -> Floats:
+    def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all centers.
 
         They are in radians, shape (..., count).
@@ -332,7 +332,7 @@ class QuaternionRotations(Rotations):
         return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Neighbors of each cell along the axes of its chart.
 
         Their shape is (count, 6). They may lie in another chart, in which another component is largest.
@@ -358,7 +358,7 @@ class QuaternionRotations(Rotations):
                 columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
         return np.stack(columns, axis=1).astype(np.int64)
 
-    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return discs of tilts, one for each heading.
 
         After a rotation about z, the robot is not tilted at the center, and by half a turn at the rim.
@@ -371,11 +371,11 @@ class QuaternionRotations(Rotations):
         dials = []
         for degrees in DIAL_HEADINGS:
             rotations_z = (np.radians(degrees) + DIAL_OFFSETS) * (0.0, 0.0, 1.0)
-            rotations = np.array([self._rotate(tips, turn) for turn in rotations_z])
+            rotations = np.array([self.rotate(tips, turn) for turn in rotations_z])
             dials.append(Dial(f"heading {degrees}°", inside, rotations, () if degrees else marks))
         return dials
 
-    def _table(self, slice_of: Ints) -> RotationTable:
+    def make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""
         return RotationTable(self.borders[None].copy(), np.ascontiguousarray(slice_of))
 

@@ -56,9 +56,9 @@ class YawRotations(Rotations):
     borders: tuple[float, ...]
     names = ("yaw",)
     units = ("rad",)
-    _about_z = True
-    _examples = ("90deg",)
-    _limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
+    about_z = True
+    examples = ("90deg",)
+    limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "yaw": Coordinate("middle of a rotation cell, in [-pi, pi)", "rad", bounds="yaw_bounds"),
         "yaw_bounds": Coordinate("borders of a rotation cell, ascending over one turn", "rad", {"bound": 2}),
@@ -66,7 +66,7 @@ class YawRotations(Rotations):
     }
 
     @classmethod
-    def _of_value(cls, value: ArrayLike | None) -> YawRotations:
+    def of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
             hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
@@ -101,49 +101,49 @@ class YawRotations(Rotations):
         return cls((*borders, borders[0] + TWO_PI))
 
     @classmethod
-    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
         """Make cells from their bounds."""
         bounds = coordinates["yaw_bounds"]
-        return cls._of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
+        return cls.of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
-    def _format_rotation(self, rotation: Floats) -> str:
+    def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         angle = (round(math.degrees(rotation[0]), 1) + 180.0) % 360.0 - 180.0
         return f"yaw {round(angle, 1) + 0.0:g}°"  # no minus sign before zero
 
-    def _from_matrix(self, matrix: Floats) -> Floats:
+    def from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
         return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
-    def _yaw_of(self, q: Floats) -> float | None:
+    def find_yaw(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians."""
         return float(q[-1])
 
-    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle."""
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
         wrapped_yaw = math.remainder(yaw, TWO_PI)
         return (wrapped_yaw if wrapped_yaw < math.pi else -math.pi,)
 
-    def _canonical(self, rotation: Floats, name: str) -> Floats:
+    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Wrap yaws into [-pi, pi).
 
         Raises InputError if one is too large to be wrapped exactly.
         """
-        if (np.abs(rotation) > MAX_ANGLE).any():
-            largest = float(np.abs(rotation).max())
-            rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
-            raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest)
+        check_wrappable(rotation, name)
         return wrapped(rotation)
 
-    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def rotation_between(self, first: Floats, second: Floats) -> Floats:
+        """Return the shorter angles from yaws to others, radians."""
         apart = second - first
         return np.asarray(apart - TWO_PI * np.round(apart / TWO_PI))
 
-    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def rotate(self, rotation: Floats, by: Floats) -> Floats:
+        """Add angles to yaws."""
         return rotation + by
 
-    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+        """Return the matrices of yaws."""
         cos, sin = np.cos(rotation[..., 0]), np.sin(rotation[..., 0])
         matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
         matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = cos, -sin, sin, cos
@@ -164,7 +164,7 @@ class YawRotations(Rotations):
         """Half the width of each cell, with rounding, shape (n,)."""
         return np.asarray(np.diff(self.borders) / 2 + ANGLE_SLACK)
 
-    def _is_uniform(self) -> bool:
+    def is_uniform(self) -> bool:
         """Return True if all cells have one width up to rounding.
 
         Then no boundary is off by more than ANGLE_SLACK / 8.
@@ -177,32 +177,29 @@ class YawRotations(Rotations):
         A boundary belongs to the cell above it.
         """
         angles = check_finite(yaw, "yaw")
-        if (np.abs(angles) > MAX_ANGLE).any():
-            largest = float(np.abs(angles).max())
-            rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
-            raise InputError("yaw", f"is {largest:g} rad", rule, "wrap it first", value=largest)
+        check_wrappable(angles, "yaw")
         # The same formula as in compiled look-ups, to the last bit; a yaw within the boundaries is unchanged.
         wrapped = angles - np.floor((angles - self.borders[0]) / TWO_PI) * TWO_PI
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, len(self) - 1).astype(np.int64)
 
-    def _cells_of(self, q: Floats) -> Ints:
+    def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -1])
 
-    def _preserve(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def _argument_for_fewer(self, clip_parameters: float) -> str:
+    def argument_for_fewer(self, clip_parameters: float) -> str:
         """Return the argument for at most a fraction of the cells."""
         return f"rotations={int(clip_parameters * len(self))}" if clip_parameters * len(self) >= 1 else ""
 
-    def _doubled(self) -> tuple[str, Rotations] | None:
+    def make_finer(self) -> tuple[str, Rotations] | None:
         """Return twice as many cells, of one width, and their argument, or None."""
         count = 2 * len(self)
         return (f"rotations={count}", Rotations.of(count)) if count <= MAX_YAW_CELLS else None
 
-    def _slices_for(self, shape: Symmetric) -> Ints:
+    def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells a symmetry apart share a slice if all cells have one width.
@@ -210,11 +207,11 @@ class YawRotations(Rotations):
         cells = np.arange(len(self), dtype=np.int64)
         if shape.symmetry == 0:
             return np.zeros_like(cells)
-        if len(self) % shape.symmetry == 0 and self._is_uniform():
+        if len(self) % shape.symmetry == 0 and self.is_uniform():
             return cells % (len(self) // shape.symmetry)
         return cells
 
-    def _shape_cells(self, dim: int) -> list[RotationCell]:
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form that shapes need.
 
         They are rotations about the z axis.
@@ -232,27 +229,27 @@ class YawRotations(Rotations):
         return self._yaws[:, None]
 
     @property
-    def _coordinates(self) -> dict[str, Floats]:
+    def stored_arrays(self) -> dict[str, Floats]:
         """Center and boundaries of each cell, and its covering angle, radians."""
         bounds = np.stack([self.borders[:-1], self.borders[1:]], axis=1)
         return dict(zip(self.COORDINATES, (self._yaws, bounds, self.covering_angles), strict=True))
 
     @property
-    def _volumes(self) -> Floats:
+    def volumes(self) -> Floats:
         """Width of each cell, radians."""
         return np.diff(self.borders)
 
-    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a yaw uniformly from each cell, in [-pi, pi)."""
         within = rng.uniform(margin, 1.0 - margin, len(cells))
-        return wrapped(np.asarray(self.borders)[cells] + self._volumes[cells] * within)[:, None]
+        return wrapped(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
 
-    def _angles_to_centers(self, q: Floats) -> Floats:
+    def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
         return np.asarray(np.abs((self._yaws - q[..., -1:] + np.pi) % TWO_PI - np.pi))
 
-    def _cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Return all cells within an angle of each configuration; see ``Rotations._cells_within``.
+    def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+        """Return all cells within an angle of each configuration; see ``Rotations.find_cells_within``.
 
         Only the boundaries are searched.
         """
@@ -267,18 +264,18 @@ class YawRotations(Rotations):
         return rows, (low[rows] + steps) % len(self)
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Cells before and after each cell, in a ring."""
         steps = [[], [1], [-1, 1]][min(len(self) - 1, 2)]
         return (np.arange(len(self))[:, None] + np.array(steps, dtype=np.int64)) % len(self)
 
-    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the quarter turns and mirrors that map centers to centers.
 
         They are about z and along it.
         """
-        if not self._is_uniform():
-            return Rotations._images(self, shape)
+        if not self.is_uniform():
+            return Rotations.find_images(self, shape)
         images: list[tuple[Floats, Ints]] = []
         for mirror in (1.0, -1.0):
             for symmetry in shape.symmetries:
@@ -298,16 +295,24 @@ class YawRotations(Rotations):
             images += [(matrices[k], cells[k]) for k in np.flatnonzero(errors < ANGLE_SLACK / 8.0)]
         return images
 
-    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return a ring of yaws, counterclockwise from the x axis."""
         inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= DIAL_INNER_RADIUS)
         marks = [(f"{k * 45}°", k * np.pi / 4.0) for k in range(8)]
         around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
         return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_OFFSETS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
-    def _table(self, slice_of: Ints) -> RotationTable:
+    def make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""
         return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
+
+
+def check_wrappable(yaws: Floats, name: str) -> None:
+    """Raise InputError if a yaw is too large to be wrapped exactly."""
+    largest = float(np.abs(yaws).max(initial=0.0))
+    if largest > MAX_ANGLE:
+        rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
+        raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest)
 
 
 # ---- look-ups for kernels --------------------------------------------------------------------------------------------

@@ -285,7 +285,7 @@ def find_moment(path: Path) -> tuple[int, int]:
 
 def make_frame(workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any) -> Contents:
     """Return a map of the first cell of a workspace, with what all tiles share."""
-    whole, slice_of = workspace.grid, rotations._slices_for(robot.shape)
+    whole, slice_of = workspace.grid, rotations.assign_slices(robot.shape)
     ones = (1,) * whole.dim
     occupied = np.ones(ones, dtype=np.bool_)
     grid = Grid(whole.lower, whole.spacing, ones, whole.axes, whole.units)

@@ -58,7 +58,7 @@ def label_region(folder: TileFolder, index: Index, tile: Contents) -> Components
     region = folder.clip(folder.interior(index) + ONE_MORE)
     own = as_box(region - folder.cells(index)[0])
     closed = np.zeros(folder.slices, dtype=np.bool_)
-    return Components(tile.states[(slice(None), *own)], tile.slice_of, tile.rotations._neighbors, closed)
+    return Components(tile.states[(slice(None), *own)], tile.slice_of, tile.rotations.neighbors, closed)
 
 
 def find_in_region(folder: TileFolder, index: Index, region: Components, cells: Ints, mixed: bool) -> Ints:
@@ -147,7 +147,7 @@ def join_tiles(folder: TileFolder, nodes: Mapping[Index, Layers], exterior: Ints
                 join(layer.reshape(len(exterior), -1), exterior[:, None])
             elif is_last:
                 join(layer, nodes[tuple(beside)][side - 1])
-    for others in folder.frame.rotations._neighbors.T:
+    for others in folder.frame.rotations.neighbors.T:
         join(exterior, np.where(others >= 0, exterior[others], -1))
     return np.concatenate(pairs)
 

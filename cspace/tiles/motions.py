@@ -63,8 +63,8 @@ def cut_motions(grid: Grid, rotations: Rotations, longest: float, starts: Floats
     Motions lead from ``starts`` to ``ends``, shape (n, size).
     """
     dim = grid.dim
-    starts, ends = rotations._make_canonical(starts), rotations._make_canonical(ends)
-    steps = rotations._steps_between(starts, ends)
+    starts, ends = rotations.make_canonical(starts), rotations.make_canonical(ends)
+    steps = rotations.steps_between(starts, ends)
     angles = np.linalg.norm(steps[:, dim:], axis=1)
     half = np.flatnonzero(angles >= HALF_TURN)
     other_arcs = steps[half].copy()
@@ -82,7 +82,7 @@ def cut_motions(grid: Grid, rotations: Rotations, longest: float, starts: Floats
 
     def configurations_at(cut: Ints) -> Floats:
         time = (cut / counts[arcs])[:, None]
-        q = rotations._add_steps(starts[rows], steps[arcs] * time)
+        q = rotations.add_steps(starts[rows], steps[arcs] * time)
         q = np.where(time == 0.0, starts[rows], q)
         return np.where(time == 1.0, ends[rows], q)
 

@@ -128,7 +128,7 @@ class OpenTiles:
         cells = 0 if reach is None else math.ceil(reach / grid.spacing) + 1
         position = grid.cell_of(rows[:, : grid.dim])
         if reach is None:  # a point on a border belongs to the cell that the whole map gives it
-            turns = rotations.centers[rotations._cells_of(rows)]
+            turns = rotations.centers[rotations.find_cells(rows)]
             rows = np.concatenate([grid.center_of(position), turns], axis=1)
         near = ((position >= -cells) & (position < np.add(grid.shape, cells))).all(axis=1)
         if not near.all():

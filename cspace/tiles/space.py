@@ -273,7 +273,7 @@ class TiledCSpace(ConfigurationMap):
         """
         rotations = self.rotations
         start, goal = (
-            rotations._make_canonical(self._check_configurations(q, name), name) for q, name in ((q0, "q0"), (q1, "q1"))
+            rotations.make_canonical(self._check_configurations(q, name), name) for q, name in ((q0, "q0"), (q1, "q1"))
         )
         ends = self._cells_of(start), self._cells_of(goal)
         tiles, crossings = self._at_one_moment(lambda: self._find_components().chain(*ends))

@@ -45,9 +45,9 @@ def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
             assert (path[0] == q0).all() and (path[-1] == [*q1[: space.grid.dim], *turn[space.grid.dim :]]).all()
             assert not still or (path[:, space.grid.dim :] == q0[space.grid.dim :]).all()
             assert space.motion_is_free(path[:-1], path[1:]).all()
-            steps = space.rotations._steps_between(path[:-1], path[1:])
+            steps = space.rotations.steps_between(path[:-1], path[1:])
             for share in np.linspace(0.0, 1.0, 50):
-                assert space.is_free(space.rotations._add_steps(path[:-1], share * steps)).all()
+                assert space.is_free(space.rotations.add_steps(path[:-1], share * steps)).all()
     rough, smooth = space.find_path(q0, q1, straight=False), space.find_path(q0, q1)
     if still:
         assert path_length(smooth[:, : space.grid.dim]) <= path_length(rough[:, : space.grid.dim]) * (1 + 1e-12)

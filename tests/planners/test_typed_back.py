@@ -30,8 +30,8 @@ def read_configurations(text: str) -> list[tuple[float, ...]]:
 
 def cells_of(space: CSpace, q: Any) -> list[int]:
     """Return the cell and rotation cell of a configuration."""
-    q = space.rotations._make_canonical(np.array(q))
-    return [*space.grid.cell_of(q[: space.grid.dim]).tolist(), int(space.rotations._cells_of(q))]
+    q = space.rotations.make_canonical(np.array(q))
+    return [*space.grid.cell_of(q[: space.grid.dim]).tolist(), int(space.rotations.find_cells(q))]
 
 
 def draw_near_borders(space: CSpace, rng: np.random.Generator, count: int) -> Any:

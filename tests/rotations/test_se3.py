@@ -241,7 +241,7 @@ def test_search_boxes_are_no_larger_than_necessary():
     states[100] = MIXED
     q = np.column_stack([np.full((len(cells), 3), 0.5), cells.centers])
     free = map_of(states, cells, ALL_FREE, 1.0).is_free_around(q, 0.0, 0.05)
-    away = cells._angles_to_centers(q[100])
+    away = cells.angles_to_centers(q[100])
     assert free[away > 2.0 * cells.covering_angles.max() + 0.2].all() and not free[100]
 
 

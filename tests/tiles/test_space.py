@@ -78,7 +78,7 @@ def test_slice_rotations_match_slice_of(name, tmp_path):
     for each in (space, tiled, pickle.loads(pickle.dumps(space))):
         assert each.slice_rotations.shape == (each.slice_of.max() + 1, space.size - space.grid.dim)
         full = np.hstack([np.zeros((len(each.slice_rotations), space.grid.dim)), each.slice_rotations])
-        assert each.slice_of[each.rotations._cells_of(full)].tolist() == list(range(len(full)))
+        assert each.slice_of[each.rotations.find_cells(full)].tolist() == list(range(len(full)))
         with pytest.raises(ValueError, match="read-only"):
             each.slice_of[0] = 7
 
