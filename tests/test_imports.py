@@ -23,7 +23,6 @@ ORDER = [
     "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening "
     "cspace.update cspace.tiles",
     "cspace.save",
-    "cspace.spectral",
     "cspace.exact",
     "cspace.map",
     "cspace.engines",
