@@ -33,6 +33,9 @@ NORM_SLACK: Final = 1e-6
 QUOTIENT_SLACK: Final = 1e-9
 """Rounding allowance by which cells are widened at each boundary, in quotients of components."""
 
+FACE_STEP: Final = 1e-6
+"""Distance from a face of a cell to a point of its neighbor, in quotients of components."""
+
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
@@ -337,26 +340,17 @@ class QuaternionRotations(Rotations):
 
         Their shape is (count, 6). They may lie in another chart, in which another component is largest.
         """
-        n = self.n
-        charts = np.indices((4, n, n, n)).reshape(4, -1)
+        parts = np.indices((4, self.n, self.n, self.n)).reshape(4, -1).T
+        charts, parts = parts[:, 0], parts[:, 1:]
+        middles = (self.borders[:-1] + self.borders[1:]) / 2.0
         columns = []
         for axis in range(3):
-            for step in (-1, 1):
-                parts = charts.copy()
-                parts[1 + axis] += step
-                # Beyond a quotient of -1 or 1, that component is the largest, and gives the sign of all quotients.
-                for c in range(4):
-                    over = np.flatnonzero((charts[0] == c) & ((parts[1 + axis] < 0) | (parts[1 + axis] == n)))
-                    indices = dict(zip(OTHER_COMPONENTS[c], charts[1:, over], strict=True))
-                    largest = OTHER_COMPONENTS[c][axis]
-                    indices[c] = indices.pop(largest)
-                    others = np.array(
-                        [indices[k] if step > 0 else n - 1 - indices[k] for k in OTHER_COMPONENTS[largest]]
-                    )
-                    others[OTHER_COMPONENTS[largest].index(c)] = n - 1 if step > 0 else 0
-                    parts[:, over] = [np.full(len(over), largest), *others]
-                columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
-        return np.stack(columns, axis=1).astype(np.int64)
+            for side in (0, 1):
+                # A point just beyond the middle of the face lies in the neighbor.
+                beyond = middles[parts]
+                beyond[:, axis] = self.borders[parts[:, axis] + side] + (2 * side - 1) * FACE_STEP
+                columns.append(self.cell_of(_quaternions(charts, beyond)))
+        return np.stack(columns, axis=1)
 
     def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return discs of tilts, one for each heading.
@@ -414,24 +408,25 @@ def _chart(n: int) -> _Chart:
     quotients = np.empty((n**3, 3))
     np.put_along_axis(quotients, order, centers[class_of.ravel()], axis=1)
     quotients *= np.where(mirrored == parts, 1.0, -1.0)
-    # Gauss-Legendre quadrature over the arc tangents of the quotients.
-    nodes, weights = np.polynomial.legendre.leggauss(max(4, 4 + 24 // n))
-    widths = np.pi / (2.0 * n)
-    tangents = np.tan(-np.pi / 4.0 + widths * (np.arange(n)[:, None] + (nodes + 1.0) / 2.0)).ravel()
-    by_axis = np.tile(weights, n) * (1.0 + tangents**2)
-    shares = np.empty((n, n, n))
-    cut = np.arange(n) * len(nodes)
-    squares = 1.0 + (tangents**2)[:, None] + tangents**2
-    for i in range(n):
-        part = sum(
-            by_axis[m] * (by_axis[:, None] * by_axis / (squares + tangents[m] ** 2) ** 2)
-            for m in range(i * len(nodes), (i + 1) * len(nodes))
-        )
-        shares[i] = np.add.reduceat(np.add.reduceat(part, cut, axis=0), cut, axis=1)
-    volumes = np.tile(shares.ravel() / (4.0 * shares.sum()), 4)
+    volumes = _integrate_measure(classes, n)[class_of.ravel()]
+    volumes = np.tile(volumes / (4.0 * volumes.sum()), 4)
     charts = np.repeat(np.arange(4), n**3)
     arrays = borders, _quaternions(charts, np.tile(quotients, (4, 1))), np.tile(angles[class_of.ravel()], 4), volumes
     return _Chart(*map(frozen, arrays))
+
+
+def _integrate_measure(parts: Ints, n: int) -> Floats:
+    """Return the Haar measures of cells with the given parts, shape (m, 3), in one unit.
+
+    Gauss-Legendre quadrature over the arc tangents of the quotients.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(max(4, 4 + 24 // n))
+    angles = np.pi / (2.0 * n) * (parts[..., None] + (nodes + 1.0) / 2.0) - np.pi / 4.0
+    squares = np.tan(angles) ** 2
+    x, y, z = np.moveaxis(squares, 1, 0)
+    density = (1.0 + x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]) ** -2.0
+    by_axis = np.moveaxis(weights * (1.0 + squares), 1, 0)
+    return np.asarray(np.einsum("mi,mj,mk,mijk->m", *by_axis, density))
 
 
 _CORNERS: Final = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])

@@ -248,21 +248,6 @@ class YawRotations(Rotations):
         """Return the angles to all representatives."""
         return np.asarray(np.abs((self._yaws - q[..., -1:] + np.pi) % TWO_PI - np.pi))
 
-    def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Return all cells within an angle of each configuration; see ``Rotations.find_cells_within``.
-
-        Only the boundaries are searched.
-        """
-        reach = np.minimum(angles + ANGLE_SLACK, math.pi)
-        limits = q[:, -1] + np.stack([-reach, reach])
-        revolutions = np.floor((limits - self.borders[0]) / TWO_PI)
-        within = np.searchsorted(self.borders, limits - revolutions * TWO_PI, side="right") - 1
-        low, high = (revolutions * len(self) + np.clip(within, 0, len(self) - 1)).astype(np.int64)
-        counts = np.minimum(high - low + 1, len(self))
-        rows = np.repeat(np.arange(len(q)), counts)
-        steps = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-        return rows, (low[rows] + steps) % len(self)
-
     @property
     def neighbors(self) -> Ints:
         """Cells before and after each cell, in a ring."""

@@ -26,8 +26,8 @@ PAIR_TABLE_NODES: Final = 64
 SELF_INTEGRAL_ERROR: Final = 1e-13
 """Relative error of the integral of the squared bump."""
 
-BALLS_PER_BATCH: Final = 2**8
-"""Number of balls whose neighbors are held in memory at once."""
+MAX_PAIRS_PER_BLOCK: Final = 2**20
+"""Number of pairs of balls whose distances are held in memory at once."""
 
 
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:
@@ -36,11 +36,13 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     square = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
     value = float(square[0] * (balls.radii**balls.dim).sum())
     error = SAFETY_FACTOR * SELF_INTEGRAL_ERROR * value
-    for i, j in _touching_pairs(balls):
-        gaps = np.linalg.norm(balls.centers[i] - balls.centers[j], axis=1)
-        values, errors = tabulated_integrals(balls.bump, balls.radii[i], balls.radii[j], gaps, balls.dim)
-        value, error = value + 2.0 * float(values.sum()), error + 2.0 * float(errors.sum())
-    return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
+    centers, radii = balls.centers, balls.radii
+    for i, j, gaps in _close_pairs(centers, radii, centers, radii, 0.0):
+        once = i < j
+        values, errors = tabulated_integrals(balls.bump, radii[i[once]], radii[j[once]], gaps[once], balls.dim)
+        value += 2.0 * float(values.sum())
+        error += 2.0 * float(errors.sum())
+    return value, error + 2.0**-52 * (len(radii) + 2) * value
 
 
 def sum_pairs(
@@ -61,11 +63,8 @@ def sum_pairs(
     found, number, dim = [np.empty((5, 0))], 0, centers.shape[1]
     for placement, points in enumerate(moved):
         number = placement + 1
-        for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(other_radii) / 2**20)):
-            gaps = np.linalg.norm(points[part, None] - centers, axis=2)
-            i, j = np.nonzero(gaps < radii[part, None] + other_radii + slack)
-            rows = np.full(len(i), placement), radii[part][i], other_radii[j], gaps[i, j], weights[j]
-            found.append(np.stack(rows))
+        for i, j, gaps in _close_pairs(points, radii, centers, other_radii, slack):
+            found.append(np.stack([np.full(len(i), placement), radii[i], other_radii[j], gaps, weights[j]]))
     rows, first, second, distances, factors = np.concatenate(found, axis=1)
     values, errors = tabulated_integrals(bump, first, second, distances, dim, many)
     # The common part of two balls changes by at most a cross-section of the smaller one times a change of distance.
@@ -96,21 +95,17 @@ def tabulated_integrals(
     return values, errors
 
 
-def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
-    """Yield batches of pairs of touching balls, larger ones first."""
-    from scipy.spatial import cKDTree
+def _close_pairs(
+    points: Floats, radii: Floats, others: Floats, other_radii: Floats, slack: float
+) -> Iterator[tuple[Ints, Ints, Floats]]:
+    """Yield blocks of pairs of balls that may meet: two indices, and the distance of the centers."""
+    from scipy.spatial.distance import cdist
 
-    centers, radii = balls.centers, balls.radii
-    tree, rank = cKDTree(centers), np.empty(len(radii), dtype=np.int64)
-    rank[np.argsort(radii, kind="stable")] = np.arange(len(radii))
-    for batch in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / BALLS_PER_BATCH)):
-        # A smaller ball that touches this one has its center within twice this radius.
-        near = tree.query_ball_point(centers[batch], 2.0 * radii[batch] * (1.0 + 2.0**-40))
-        i = np.repeat(batch, [len(each) for each in near])
-        j = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
-        square = ((centers[i] - centers[j]) ** 2).sum(axis=1)
-        meeting = (rank[j] < rank[i]) & (square <= (radii[i] + radii[j]) ** 2)
-        yield i[meeting], j[meeting]
+    blocks = math.ceil(len(radii) * len(other_radii) / MAX_PAIRS_PER_BLOCK)
+    for block in np.array_split(np.arange(len(radii)), blocks):
+        gaps = cdist(points[block], others)
+        rows, columns = np.nonzero(gaps < radii[block, None] + other_radii + slack)
+        yield block[rows], columns, gaps[rows, columns]
 
 
 @lru_cache(maxsize=4096)

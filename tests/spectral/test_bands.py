@@ -153,7 +153,7 @@ def test_norm_square_does_not_depend_on_the_batch_size(monkeypatch: pytest.Monke
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
-    monkeypatch.setattr("cspace.spectral.pairs.BALLS_PER_BATCH", 7)
+    monkeypatch.setattr("cspace.spectral.pairs.MAX_PAIRS_PER_BLOCK", 700)
     again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 
