@@ -152,14 +152,6 @@ class CSpace(ConfigurationMap, MapExport):
         return self._contents
 
     @property
-    def precision(self) -> str:
-        """Arithmetic of the engine.
-
-        It is "integer" for whole numbers, "float32" or "float64" for transforms.
-        """
-        return self._contents.precision
-
-    @property
     def overlap_counts(self) -> NDArray[np.int32] | None:
         """Overlap count of each cell, by slice.
 
@@ -222,7 +214,6 @@ class CSpace(ConfigurationMap, MapExport):
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
             filled: mean,
-            "precision": self.precision,
             "overlap_counts": self.overlap_counts is not None,
             **({"overlap_field": True} if field is not None else {}),
             "memory_bytes": sum(array.nbytes for array in arrays),

@@ -41,16 +41,14 @@ class Contents:
         State of the world outside the grid; "unknown" for a part of a larger map.
     margin : float
         Metres by which the robot was grown to prove FREE.
-    precision : {"integer", "float32", "float64"}
-        Arithmetic of the engine: integers, or floating-point transforms rounded to integers.
     overlap_counts : ndarray of int32, the shape of states, or None
         Overlap of each cell; taken over like ``states``.
     field : ndarray of float64, or None
         Values of :class:`cspace.spectral.OverlapField`.
     exterior : Exterior or None
         States outside the grid; if None, computed from the robot's rasters when needed.
-    proves_blocked : bool or None
-        True if BLOCKED is proven; None if unknown, as for a map from a file of an earlier version.
+    proves_blocked : bool
+        True if updates prove BLOCKED, as the build did.
     prove : callable or None
         Makes exact proofs of a :class:`cspace.exact.boundaries.Problem` for a map of joints, by the space of the arm.
         It is not stored in files, and the first change of cells drops it.
@@ -67,11 +65,10 @@ class Contents:
     states: States
     outside: str = "blocked"
     margin: float = 0.0
-    precision: str = "integer"
     overlap_counts: NDArray[np.int32] | None = None
     field: Floats | None = None
     exterior: Exterior | None = None
-    proves_blocked: bool | None = None
+    proves_blocked: bool = True
     prove: Callable[..., Any] | None = None
     layers: ObstacleLayers | None = None
 

@@ -212,7 +212,7 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
 
 def replace_field(space: CSpace, field: Any = None) -> CSpace:
     """Return the same map with another field, or none."""
-    options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
+    options = {name: getattr(space, name) for name in ("outside", "margin")} | {"proves_blocked": True}
     states, counts = space._kernel_map.states.copy(), space.overlap_counts
     overlap_counts = None if counts is None else counts.reshape(states.shape)
     return map_in(
