@@ -108,6 +108,8 @@ class CSpace(ConfigurationMap, MapExport):
         Grid, robot, rotations, states and workspace.
     rasters : sequence of (outer, inner) Raster, optional
         The robot's rasters for each slice; computed when needed if left out.
+    layers : ObstacleLayers, optional
+        Named obstacles that the cells of the workspace come from.
 
     Examples
     --------
@@ -129,10 +131,11 @@ class CSpace(ConfigurationMap, MapExport):
         self,
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
+        layers: ObstacleLayers | None = None,
     ) -> None:
         if contents.workspace.live:  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
-        self._contents = contents
+        self._contents, self._layers = contents, layers
         # Updates write to the states of the contents; everything else reads this view.
         self._seen: States = read_only(contents.states)
         self._slice_of = contents.slice_of
@@ -219,10 +222,11 @@ class CSpace(ConfigurationMap, MapExport):
             "memory_bytes": sum(array.nbytes for array in arrays),
         }
 
-    def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
+    def __reduce__(self) -> tuple[type[CSpace], tuple[Contents, None, ObstacleLayers | None]]:
         """Copy or pickle the contents of the map, without caches and locks."""
         with self._lock:  # an update waits
-            return type(self), (self._contents.copy(),)
+            layers = None if self._layers is None else self._layers.copy()
+            return type(self), (self._contents.copy(), None, layers)
 
     # ---- one configuration -------------------------------------------------------------------------------------------
 
@@ -921,15 +925,15 @@ class CSpace(ConfigurationMap, MapExport):
     def obstacles(self) -> dict[str, Shape]:
         """The named obstacles at their current positions; a copy."""
         with self._lock:
-            layers = self._contents.layers
-            return {} if layers is None else {name: each.shape for name, each in layers.named.items()}
+            named = {} if self._layers is None else self._layers.named
+            return {name: each.shape for name, each in named.items()}
 
     @lazy
     def _updates(self) -> Updater:
         """Updater of the states."""
         from cspace.update import Updater
 
-        return Updater(self._contents, self._rasters, self._exterior, self._drop_derived)
+        return Updater(self._contents, self._layers, self._rasters, self._exterior, self._drop_derived)
 
     def _check_whole(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
@@ -939,12 +943,11 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop all data that depend on the cells, and take over the workspace of an update."""
-        contents = self._contents
-        same = contents.workspace is workspace and contents.layers is layers
-        if not same or contents.field is not None or contents.prove is not None:
+        contents, self._layers = self._contents, layers
+        if contents.workspace is not workspace or contents.field is not None or contents.prove is not None:
             # Overlap counts and fields, and the arm of a joint map, belong to the obstacles before the update.
             dropped: dict[str, Any] = {"overlap_counts": None, "field": None, "prove": None}
-            self._contents = replace(contents, workspace=workspace, layers=layers, **dropped)
+            self._contents = replace(contents, workspace=workspace, **dropped)
         derived.drop(self)
         # Checkers of planners hold these two objects.
         for part in ("_distances", "_exact"):
@@ -974,8 +977,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.spectral.overlap import OverlapField
 
         values = OverlapField.of(self, overlap).values
-        with self._lock:  # an update waits
-            return CSpace(replace(self._contents.copy(), field=values), self._rasters)
+        contents, _, layers = self.__reduce__()[1]
+        return CSpace(replace(contents, field=values), self._rasters, layers)
 
     @property
     def overlap_field(self) -> OverlapField | None:

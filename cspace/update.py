@@ -149,6 +149,8 @@ class Updater:
     ----------
     contents : Contents
         The map. Updates write into its states, and into a copy of its workspace.
+    layers : ObstacleLayers or None
+        Named obstacles that the cells of the workspace come from.
     rasters : sequence of (outer, inner) Raster
         The robot's rasters, for each slice.
     exterior : Exterior
@@ -161,11 +163,12 @@ class Updater:
     def __init__(
         self,
         contents: Contents,
+        layers: ObstacleLayers | None,
         rasters: Sequence[tuple[Raster, Raster]],
         exterior: Exterior,
         drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
     ) -> None:
-        self._grid, self._layers, self._states = contents.grid, contents.layers, contents.states
+        self._grid, self._layers, self._states = contents.grid, layers, contents.states
         self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
         self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, contents.proves_blocked)

@@ -18,7 +18,6 @@ from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 
 if TYPE_CHECKING:
-    from cspace.obstacles import ObstacleLayers
     from cspace.robot import Robot
     from cspace.workspace import Workspace
 
@@ -52,8 +51,6 @@ class Contents:
     prove : callable or None
         Makes exact proofs of a :class:`cspace.exact.boundaries.Problem` for a map of joints, by the space of the arm.
         It is not stored in files, and the first change of cells drops it.
-    layers : ObstacleLayers or None
-        Named obstacles that the cells of the workspace come from; not stored in files.
 
     Raises InputError if an array has another shape or type than stated, or ``outside`` is another word.
     """
@@ -70,7 +67,6 @@ class Contents:
     exterior: Exterior | None = None
     proves_blocked: bool = True
     prove: Callable[..., Any] | None = None
-    layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays."""
@@ -115,7 +111,6 @@ class Contents:
             states=self.states.copy(),
             overlap_counts=None if self.overlap_counts is None else self.overlap_counts.copy(),
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
-            layers=None if self.layers is None else self.layers.copy(),
         )
 
 
