@@ -122,12 +122,10 @@ def find_exterior_nodes(folder: TileFolder, first: int, mixed: bool) -> Ints:
 
     No exterior counts as FREE.
     """
-    frame = folder.frame
-    nodes = first + np.arange(len(frame.slice_of))
-    if frame.exterior is None or not mixed:
-        return np.full_like(nodes, -1)
-    closed = frame.exterior.is_all_blocked(folder.grid.shape)
-    return np.where(closed[frame.slice_of], -1, nodes)
+    slice_of = folder.frame.slice_of
+    nodes = first + np.arange(len(slice_of))
+    is_open = ~folder.exterior.is_all_blocked(folder.grid.shape)[slice_of]
+    return np.where(is_open & mixed, nodes, -1)
 
 
 def join_tiles(folder: TileFolder, nodes: Mapping[Index, Layers], exterior: Ints) -> Ints:
