@@ -1,14 +1,14 @@
 """Folders of tiled maps: a saved map for each tile, and what all tiles share.
 
-A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells and
-the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each tile
-is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of the cells
-around them, clipped to the grid. It is named by its index, such as ``0.3``, and written under another
-name first, so a tile with its name is complete.
+A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells
+and the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each
+tile is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of
+the cells around them, clipped to the grid. It is named by its index, such as ``0.3``, and written
+under another name first, so a tile with its name is complete.
 
 A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
-resumes, and only with its own tiles. A complete map knows the digests of its tiles, so it refuses all
-other tiles.
+resumes, and only with its own tiles. A complete map knows the digests of its tiles, so it refuses
+all other tiles.
 """
 
 from __future__ import annotations
@@ -78,11 +78,11 @@ class TileFolder:
     ----------
     path : Path
     about : mapping
-        ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of the
-        workspace; ``updates``, their number.
+        ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of
+        the workspace; ``updates``, their number.
     sums : mapping or None
-        Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the ``digests`` of
-        all tiles.
+        Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the
+        ``digests`` of all tiles.
     frame : Contents
         Map of the first cell; if all tiles are complete, with the states outside the grid.
     digest : str

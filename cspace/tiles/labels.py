@@ -1,12 +1,13 @@
 """Connected components of a tiled map.
 
-The *region* of a tile is its interior and, along each axis, one more layer of cells: the first layer
-of the next tile. A *node* is a component of a region over all rotation cells. A cell of a shared
-layer has a node in two regions, which join there. So cells are joined as in one map: two neighbors
-lie in a common region, and a component that leaves a region passes a shared layer.
+The *region* of a tile is its interior and, along each axis, one more layer of cells: the first
+layer of the next tile. A *node* is a component of a region over all rotation cells. A cell of a
+shared layer has a node in two regions, which join there. So cells are joined as in one map: two
+neighbors lie in a common region, and a component that leaves a region passes a shared layer.
 
-FREE cells and open cells, which are FREE or MIXED, have nodes of their own. Open cells at the border
-of the grid also join the exterior, which is a node for each rotation cell that is open there.
+FREE cells and open cells, which are FREE or MIXED, have nodes of their own. Open cells at the
+border of the grid also join the exterior, which is a node for each rotation cell that is open
+there.
 
 Here a cell is ``(rotation cell, x, y)`` or ``(rotation cell, x, y, z)``.
 """

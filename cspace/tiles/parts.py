@@ -99,8 +99,8 @@ class OpenTiles:
     def _outside_states(self, corners: Ints, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         """Return the states of a box of cells as if all were outside the grid.
 
-        They hold in the grid, too, because the states outside follow from boxes around all obstacles,
-        or around the workspace.
+        They hold in the grid, too, because the states outside follow from boxes around all
+        obstacles, or around the workspace.
         """
         table = self.folder.exterior.table
         states = np.empty((len(table), *shape), dtype=np.uint8)
@@ -126,9 +126,9 @@ class OpenTiles:
     def ask(self, query: Ask, rows: Floats, out: NDArray[Any], reach: float | None = None) -> None:
         """Write the answers for configurations, shape (n, size), to ``out``.
 
-        A query reads only the cell of a configuration, or all within ``reach`` metres along each axis.
-        A tile answers it, a window if it reads cells beyond the tile, or the frame if no cell of the
-        grid is near.
+        A query reads only the cell of a configuration, or all within ``reach`` metres along each
+        axis. A tile answers it, a window if it reads cells beyond the tile, or the frame if no cell
+        of the grid is near.
         """
         folder, grid, rotations = self.folder, self.folder.grid, self.folder.frame.rotations
         cells = 0 if reach is None else math.ceil(reach / grid.spacing) + 1
