@@ -44,6 +44,7 @@ from planners.local_planner import (
     GoalLike,
     LocalPlanner,
     local_planner,
+    map_in_memory,
 )
 from planners.objectives import (
     ClearanceObjective,
@@ -443,7 +444,8 @@ def _make_objective(
         rule = f"it must be 'length', {', '.join(map(repr, _OBJECTIVES))}, or a function that makes OMPL's objective"
         raise InputError("objective", f"is {objective!r}", rule, "choose one of them", value=objective)
     cells = edges_on_map(space, drive, radius).space if kind is not None else None
-    if cells is not None and kind is OverlapObjective and cells.overlap_field is None:
+    is_overlap = cells is not None and kind is OverlapObjective
+    if is_overlap and map_in_memory(cells, "overlap_field").overlap_field is None:
         rule = "it needs an overlap field, but the map carries none"
         hint = "plan on space.with_overlap_field(overlap)"
         raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
