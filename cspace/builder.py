@@ -218,7 +218,7 @@ def build(
         check_fits(needed + scratch - TRANSFORM_BYTES, "the map, with the scratch memory of its engine,")
     states = np.empty((slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
-    precision = correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)
+    correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)
     contents = Contents(
         workspace,
         robot,
@@ -227,7 +227,6 @@ def build(
         states,
         outside,
         margin,
-        precision,
         overlaps,
         proves_blocked=inner,
     )

@@ -48,7 +48,7 @@ from cspace.map.description import (
     stored,
     turns_of,
 )
-from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
+from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
@@ -70,24 +70,8 @@ _DAMAGE_ADVICE: Final = (
     "copy it again from an intact copy, or build it again",
 )
 
-_ATTRIBUTE_TYPES: Final[Mapping[str, type | tuple[type, ...]]] = {
-    "lower": list,
-    "spacing": (int, float),
-    "shape": list,
-    "axes": str,
-    "units": str,
-    "outside": str,
-    "margin_m": (int, float),
-    "precision": str,
-    "rotations": int,
-    "slices": int,
-    "robot": str,
-    "workspace_source": str,
-    "arrays": str,
-    "compressed": bool,
-    "shapes_bytes": int,
-}
-"""Types of the attributes of a saved map."""
+_FREE_ATTRIBUTES: Final = ("format", "library_version", "robot")
+"""Attributes that the rest of a map does not determine."""
 
 _UNITS: Final = {"m", "rad"}
 
@@ -174,12 +158,6 @@ def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
         return attributes, hashlib.sha256(_replace_digest(content, digest, NO_DIGEST))
 
 
-def check_digest(path: StrPath, attributes: Mapping[str, Any], digest: Any) -> None:
-    """Raise FileError unless the digest of everything read is that of the attributes."""
-    if digest.hexdigest() != attributes["digest"]:
-        raise map_error(path, "its files differ from their digest")
-
-
 def _replace_digest(root: bytes, old: str, new: str) -> bytes:
     """Replace the digest in the text of the attributes, where it comes first."""
     return root.replace(old.encode(), new.encode(), 1)
@@ -260,15 +238,17 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
     """Read a map of a format and all its attributes, as :func:`read_map`."""
     attributes, digest = read_root(path, form)
     with making_map(path):
-        for name, kind in _ATTRIBUTE_TYPES.items():
-            if not isinstance(attributes.get(name), kind):
-                raise map_error(path, f"its attribute {name!r} is {attributes.get(name)!r:.40}")
         grid = grid_of(attributes)
         layouts = _expect_layouts(attributes, grid)
         check_bytes(path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
         arrays = _read_arrays(path, layouts, digest)
-        check_digest(path, attributes, digest)
-        return _make_contents(attributes, grid, arrays), attributes
+        if digest.hexdigest() != attributes["digest"]:
+            raise map_error(path, "its files differ from their digest")
+        contents = _make_contents(attributes, grid, arrays)
+        for name, value in metadata_of(contents).items():
+            if name not in _FREE_ATTRIBUTES and attributes[name] != value:
+                raise ValueError(f"its attribute {name!r} is {attributes[name]!r:.40}, not {value!r:.40}")
+        return contents, attributes
 
 
 def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layout]:
@@ -339,11 +319,6 @@ def _make_contents(attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[st
     if robot.dim != grid.dim or any(shape.dim != grid.dim for shape in shapes or ()):
         raise ValueError("its robot, obstacles and grid differ in dimension")
     outside = attributes["outside"]
-    if outside not in (*OUTSIDES, UNKNOWN):
-        raise ValueError(f"its outside is {outside!r}")
-    proves_blocked = attributes.get("inner")
-    if proves_blocked not in (None, 0, 1):
-        raise ValueError(f"its inner is {proves_blocked!r:.40}")
     return Contents(
         _make_workspace(attributes, grid, arrays, shapes),
         robot,
@@ -352,10 +327,9 @@ def _make_contents(attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[st
         states,
         outside,
         check_not_negative(attributes["margin_m"], "margin_m"),
-        attributes["precision"],
         arrays.get("overlap_counts"),
         check_exterior(arrays["exterior"], outside) if "exterior" in arrays else None,
-        None if proves_blocked is None else bool(proves_blocked),
+        attributes["inner"] == 1,
     )
 
 
@@ -372,7 +346,7 @@ def _make_workspace(
     shapes: tuple[Shape, ...] | None,
 ) -> Workspace:
     """Return the workspace of a map."""
-    source, outer = attributes["workspace_source"], arrays["outer"]
+    source, outer = str(attributes["workspace_source"]), arrays["outer"]
     inner, unknown = arrays.get("inner", outer), arrays.get("unknown")
     return Workspace(grid, outer, inner, source=source, unknown=unknown, shapes=shapes)
 
@@ -387,8 +361,8 @@ def _check_rotations(
     rotations = Rotations.from_stored_arrays({name: arrays[name] for name in turns_of(arrays)})
     rotations.check_dimension(robot.dim)
     slice_of = rotations.assign_slices(robot.shape)
-    if (len(slice_of), slice_of.max() + 1) != (attributes["rotations"], attributes["slices"]):
-        raise ValueError("its numbers of rotation cells and slices differ from those of its robot")
+    if slice_of.max() + 1 != attributes["slices"]:
+        raise ValueError("its number of slices differs from that of its robot")
     centers = {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
     for name, needed in ({"slice_of": slice_of} | rotations.stored_arrays | centers).items():
         rounding = _ROTATION_ROUNDING * max(1.0, float(np.abs(needed).max()))

@@ -107,6 +107,8 @@ class CSpace(ConfigurationMap, MapExport):
         Grid, robot, rotations, states and workspace.
     rasters : sequence of (outer, inner) Raster, optional
         The robot's rasters for each slice; computed when needed if left out.
+    layers : ObstacleLayers, optional
+        Named obstacles that the cells of the workspace come from.
 
     Examples
     --------
@@ -128,10 +130,11 @@ class CSpace(ConfigurationMap, MapExport):
         self,
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
+        layers: ObstacleLayers | None = None,
     ) -> None:
         if contents.workspace.live:  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
-        self._contents = contents
+        self._contents, self._layers = contents, layers
         # Updates write to the states of the contents; everything else reads this view.
         self._seen: States = read_only(contents.states)
         self._slice_of = contents.slice_of
@@ -149,14 +152,6 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def _kept(self) -> Contents:
         return self._contents
-
-    @property
-    def precision(self) -> str:
-        """Arithmetic of the engine.
-
-        It is "integer" for whole numbers, "float32" or "float64" for transforms.
-        """
-        return self._contents.precision
 
     @property
     def overlap_counts(self) -> NDArray[np.int32] | None:
@@ -220,15 +215,15 @@ class CSpace(ConfigurationMap, MapExport):
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
             filled: mean,
-            "precision": self.precision,
             "overlap_counts": counts is not None,
             "memory_bytes": states.nbytes + (0 if counts is None else counts.nbytes),
         }
 
-    def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
+    def __reduce__(self) -> tuple[type[CSpace], tuple[Contents, None, ObstacleLayers | None]]:
         """Copy or pickle the contents of the map, without caches and locks."""
         with self._lock:  # an update waits
-            return type(self), (self._contents.copy(),)
+            layers = None if self._layers is None else self._layers.copy()
+            return type(self), (self._contents.copy(), None, layers)
 
     # ---- one configuration -------------------------------------------------------------------------------------------
 
@@ -927,15 +922,15 @@ class CSpace(ConfigurationMap, MapExport):
     def obstacles(self) -> dict[str, Shape]:
         """The named obstacles at their current positions; a copy."""
         with self._lock:
-            layers = self._contents.layers
-            return {} if layers is None else {name: each.shape for name, each in layers.named.items()}
+            named = {} if self._layers is None else self._layers.named
+            return {name: each.shape for name, each in named.items()}
 
     @lazy
     def _updates(self) -> Updater:
         """Updater of the states."""
         from cspace.update import Updater
 
-        return Updater(self._contents, self._rasters, self._exterior, self._drop_derived)
+        return Updater(self._contents, self._layers, self._rasters, self._exterior, self._drop_derived)
 
     def _check_whole(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
@@ -945,11 +940,10 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop all data that depend on the cells, and take over the workspace of an update."""
-        contents = self._contents
-        same = contents.workspace is workspace and contents.layers is layers
-        if not same or contents.prove is not None:
+        contents, self._layers = self._contents, layers
+        if contents.workspace is not workspace or contents.prove is not None:
             # Overlap counts, and the arm of a joint map, belong to the obstacles before the update.
-            self._contents = replace(contents, workspace=workspace, layers=layers, overlap_counts=None, prove=None)
+            self._contents = replace(contents, workspace=workspace, overlap_counts=None, prove=None)
         derived.drop(self)
         # Checkers of planners hold these two objects.
         for part in ("_distances", "_exact"):

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import BLOCKED, Bools, Bytes, Ints, frozen, intersect_boxes
+from cspace.arrays import Bools, Bytes, Ints, frozen, intersect_boxes
 from cspace.check import check_cells
-from cspace.engines.dilation import ClippedRuns, collide, to_three_axes
+from cspace.engines.dilation import ClippedRuns, to_three_axes
 from cspace.engines.slices import Correlation, RasterGroups, group_rasters
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -149,6 +149,8 @@ class Updater:
     ----------
     contents : Contents
         The map. Updates write into its states, and into a copy of its workspace.
+    layers : ObstacleLayers or None
+        Named obstacles that the cells of the workspace come from.
     rasters : sequence of (outer, inner) Raster
         The robot's rasters, for each slice.
     exterior : Exterior
@@ -161,15 +163,15 @@ class Updater:
     def __init__(
         self,
         contents: Contents,
+        layers: ObstacleLayers | None,
         rasters: Sequence[tuple[Raster, Raster]],
         exterior: Exterior,
         drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
     ) -> None:
-        blocked = contents.proves_blocked
-        self._grid, self._layers, self._states = contents.grid, contents.layers, contents.states
+        self._grid, self._layers, self._states = contents.grid, layers, contents.states
         self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
         self._drop_derived = drop_derived
-        self._sides = group_rasters(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
+        self._sides = group_rasters(rasters, contents.proves_blocked)
         self._engine = Correlation.create("direct", self._sides, contents.outside, None)
         self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
@@ -347,19 +349,3 @@ def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) ->
                 high = np.maximum(high, last.max(axis=0))
     dim = len(shape)
     return np.stack([low, high])[:, 3 - dim :]
-
-
-def _proves_blocked(contents: Contents, rasters: Sequence[tuple[Raster, Raster]]) -> bool:
-    """Return True if the map has proofs of BLOCKED.
-
-    It is False if the states show that the map was built without ``inner``.
-    """
-    workspace = contents.workspace
-    if any(bool((part == BLOCKED).any()) for part in contents.states):
-        return True
-    lies_in = np.empty(workspace.inner.shape, dtype=np.bool_)
-    for _, inner in rasters:
-        collide(workspace.inner, [inner], [lies_in], outside=contents.outside == "blocked")
-        if lies_in.any():
-            return False
-    return True

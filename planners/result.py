@@ -197,7 +197,7 @@ class Plan:
         """Proven lower bound of the lengths of collision-free paths.
 
         A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound comes from
-        :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. In a store it is the straight
+        :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. On a tiled map it is the straight
         distance, and for an arm the distance in the joints, continuous ones the shorter way. Among several goals, the
         goal of the path counts. It holds for the obstacles as they are now, and for a robot that may move in any
         direction. NaN if not solved. Computed at each access.

@@ -257,10 +257,10 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"robot": "["}, {}, "its parts make no map"),
     ({"robot": '{"kind": "balls", "centers": [[0, 0, 0]], "radii": [1]}'}, {}, "its parts make no map"),
     ({"spacing": -1.0}, {}, "its parts make no map"),
-    ({"spacing": "wide"}, {}, "its attribute 'spacing' is 'wide'"),
+    ({"spacing": "wide"}, {}, "its parts make no map"),
     ({"margin_m": -1.0}, {}, "margin_m"),
     ({"margin_m": float("nan")}, {}, "margin_m"),
-    ({"outside": "wet"}, {}, "its outside is 'wet'"),
+    ({"outside": "wet"}, {}, "its parts make no map"),
     ({"outside": "blocked"}, {}, "its exterior has other states"),
     ({"units": "m ft"}, {}, "its units are"),
     ({"shape": [4]}, {}, "its parts make no map"),
@@ -269,7 +269,11 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"slices": 0}, {}, "would have the shape"),
     ({"rotations": 3}, {}, "not int64 (3,)"),
     ({"compressed": False}, {}, "or has other chunks"),
-    ({"shapes_bytes": None}, {}, "its attribute 'shapes_bytes' is None"),
+    ({"shapes_bytes": None}, {}, "its parts make no map"),
+    ({"inner": 2}, {}, "its attribute 'inner' is 2, not 0"),
+    ({"inner": None}, {}, "its attribute 'inner' is None"),
+    ({"workspace_source": ["a"]}, {}, "its attribute 'workspace_source' is ['a']"),
+    ({"axes": "x y"}, {}, "its attribute 'axes' is 'x y'"),
 ]
 
 

@@ -208,7 +208,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         workspace) and, if the map has them, ``overlap_counts`` (int32) and ``shapes`` (bytes of JSON text from which
         the obstacles are made).
         The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
-        ``lower``, ``spacing``, ``outside``, ``margin_m``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
+        ``lower``, ``spacing``, ``outside``, ``margin_m``, ``inner``, ``rotations`` (their number), ``robot`` (JSON
         text for ``Robot.from_spec``), ``workspace_source`` and the versions.
 
         For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading dimension

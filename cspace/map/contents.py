@@ -17,7 +17,6 @@ from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
 from cspace.rotations import Rotations
 
 if TYPE_CHECKING:
-    from cspace.obstacles import ObstacleLayers
     from cspace.robot import Robot
     from cspace.workspace import Workspace
 
@@ -40,19 +39,15 @@ class Contents:
         State of the world outside the grid; "unknown" for a part of a larger map.
     margin : float
         Metres by which the robot was grown to prove FREE.
-    precision : {"integer", "float32", "float64"}
-        Arithmetic of the engine: integers, or floating-point transforms rounded to integers.
     overlap_counts : ndarray of int32, the shape of states, or None
         Overlap of each cell; taken over like ``states``.
     exterior : Exterior or None
         States outside the grid; if None, computed from the robot's rasters when needed.
-    proves_blocked : bool or None
-        True if BLOCKED is proven; None if unknown, as for a map from a file of an earlier version.
+    proves_blocked : bool
+        True if updates prove BLOCKED, as the build did.
     prove : callable or None
         Makes exact proofs of a :class:`cspace.exact.boundaries.Problem` for a map of joints, by the space of the arm.
         It is not stored in files, and the first change of cells drops it.
-    layers : ObstacleLayers or None
-        Named obstacles that the cells of the workspace come from; not stored in files.
 
     Raises InputError if an array has another shape or type than stated, or ``outside`` is another word.
     """
@@ -64,12 +59,10 @@ class Contents:
     states: States
     outside: str = "blocked"
     margin: float = 0.0
-    precision: str = "integer"
     overlap_counts: NDArray[np.int32] | None = None
     exterior: Exterior | None = None
-    proves_blocked: bool | None = None
+    proves_blocked: bool = True
     prove: Callable[..., Any] | None = None
-    layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays."""
@@ -112,7 +105,6 @@ class Contents:
             states=self.states.copy(),
             overlap_counts=None if self.overlap_counts is None else self.overlap_counts.copy(),
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
-            layers=None if self.layers is None else self.layers.copy(),
         )
 
 

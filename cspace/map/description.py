@@ -138,11 +138,11 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     """Return the metadata of a map in memory.
 
     ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a configuration;
-    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``. ``precision`` is the
-    arithmetic of the engine; ``inner`` is 1 if BLOCKED is proven, 0 if not, and omitted if unknown.
+    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``. ``inner`` is 1 if
+    BLOCKED is proven, else 0.
     """
     grid = contents.grid
-    about = {
+    return {
         "format": FORMAT,
         "format_version": VERSION,
         "library_version": __version__,
@@ -157,11 +157,8 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
         "slices": len(contents.states),
         "robot": contents.robot._definition,
         "workspace_source": contents.workspace.source,
-        "precision": contents.precision,
+        "inner": int(contents.proves_blocked),
     }
-    if contents.proves_blocked is not None:
-        about["inner"] = int(contents.proves_blocked)
-    return about
 
 
 def arrays_of(contents: Contents) -> dict[str, Any]:

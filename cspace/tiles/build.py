@@ -73,9 +73,10 @@ def build_tiles(
 ) -> TileFolder:
     """Build a map into a folder, tile by tile, or complete one.
 
-    The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are ``rotations``,
-    ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task exceeds the memory;
-    FileError if ``store`` holds something else, cannot be written, or the workspace changes.
+    The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are
+    ``rotations``, ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task
+    exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the
+    workspace changes.
     """
     grid, stamp = workspace.grid, workspace.cells.stamp
     frame = make_frame(workspace, robot, proves_blocked=inner, **options)
@@ -151,9 +152,9 @@ def bytes_to_build(folder: TileFolder) -> float:
 def build_tile(job: BuildJob, index: Index) -> None:
     """Build and write a tile, as a task.
 
-    The states of a cell depend on the obstacles that the robot reaches from it. So the tile is a part
-    of the map of a window, with as much around the tile as the robot reaches. Raises FileError if the
-    workspace has changed since the build began.
+    The states of a cell depend on the obstacles that the robot reaches from it. So the tile is a
+    part of the map of a window, with as much around the tile as the robot reaches. Raises FileError
+    if the workspace has changed since the build began.
     """
     folder, frame = job.folder, job.folder.frame
     box = folder.cells(index)

@@ -1,13 +1,14 @@
 """Folders of tiled maps: a saved map for each tile, and what all tiles share.
 
-A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells and
-the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each tile
-is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of the cells
-around them, clipped to the grid. It is named by its index, such as ``0.3``, and written under another
-name first, so a tile with its name is complete.
+A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells
+and the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each
+tile is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of
+the cells around them, clipped to the grid. It is named by its index, such as ``0.3``, and written
+under another name first, so a tile with its name is complete.
 
 A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
-resumes. A complete map knows the digests of its tiles, so it refuses all other tiles.
+resumes, and only with its own tiles. A complete map knows the digests of its tiles, so it refuses
+all other tiles.
 """
 
 from __future__ import annotations
@@ -77,11 +78,11 @@ class TileFolder:
     ----------
     path : Path
     about : mapping
-        ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of the
-        workspace; ``updates``, their number.
+        ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of
+        the workspace; ``updates``, their number.
     sums : mapping or None
-        Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the ``digests`` of
-        all tiles.
+        Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the
+        ``digests`` of all tiles.
     frame : Contents
         Map of the first cell; if all tiles are complete, with the states outside the grid.
     digest : str
@@ -118,6 +119,11 @@ class TileFolder:
         """Width of the halo of a tile, in cells."""
         width = min(self.tile) // TILE_SIDES_PER_HALO
         return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, width))
+
+    @property
+    def exterior(self) -> Exterior:
+        """States outside the grid of a complete map."""
+        return self.frame.exterior or Exterior(np.empty((0, 0), dtype=np.int64))
 
     @property
     def slices(self) -> int:
@@ -224,7 +230,7 @@ class TileFolder:
         occupied = Raster.from_bitmap(contents.workspace.outer[own], first)
         box = [occupied.lower, occupied.upper] if occupied.count else None
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
-            write_map(contents, temporary, counts=counts.tolist(), obstacles=box)
+            write_map(contents, temporary, stamp=self.about["stamp"], counts=counts.tolist(), obstacles=box)
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -243,9 +249,15 @@ class TileFolder:
             return folder
 
     def complete(self) -> TileFolder:
-        """Sum up the tiles and write the sums; return the complete folder."""
+        """Sum up the tiles and write the sums; return the complete folder.
+
+        Raises FileError if a tile is of another map.
+        """
         frame, shape = self.frame, self.grid.shape
         tiles = [read_root(self.tile_path(index), FORMAT)[0] for index in self]
+        for index, tile in zip(self, tiles, strict=True):
+            if tile["stamp"] != self.about["stamp"]:
+                raise map_error(self.tile_path(index), "it is a tile of another map")
         boxes = np.array([tile["obstacles"] for tile in tiles if tile["obstacles"]], dtype=np.int64)
         box = np.array([[0] * len(shape), [-1] * len(shape)])
         if len(boxes):

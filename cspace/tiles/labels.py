@@ -1,12 +1,13 @@
 """Connected components of a tiled map.
 
-The *region* of a tile is its interior and, along each axis, one more layer of cells: the first layer
-of the next tile. A *node* is a component of a region over all rotation cells. A cell of a shared
-layer has a node in two regions, which join there. So cells are joined as in one map: two neighbors
-lie in a common region, and a component that leaves a region passes a shared layer.
+The *region* of a tile is its interior and, along each axis, one more layer of cells: the first
+layer of the next tile. A *node* is a component of a region over all rotation cells. A cell of a
+shared layer has a node in two regions, which join there. So cells are joined as in one map: two
+neighbors lie in a common region, and a component that leaves a region passes a shared layer.
 
-FREE cells and open cells, which are FREE or MIXED, have nodes of their own. Open cells at the border
-of the grid also join the exterior, which is a node for each rotation cell that is open there.
+FREE cells and open cells, which are FREE or MIXED, have nodes of their own. Open cells at the
+border of the grid also join the exterior, which is a node for each rotation cell that is open
+there.
 
 Here a cell is ``(rotation cell, x, y)`` or ``(rotation cell, x, y, z)``.
 """
@@ -122,12 +123,10 @@ def find_exterior_nodes(folder: TileFolder, first: int, mixed: bool) -> Ints:
 
     No exterior counts as FREE.
     """
-    frame = folder.frame
-    nodes = first + np.arange(len(frame.slice_of))
-    if frame.exterior is None or not mixed:
-        return np.full_like(nodes, -1)
-    closed = frame.exterior.is_all_blocked(folder.grid.shape)
-    return np.where(closed[frame.slice_of], -1, nodes)
+    slice_of = folder.frame.slice_of
+    nodes = first + np.arange(len(slice_of))
+    is_open = ~folder.exterior.is_all_blocked(folder.grid.shape)[slice_of]
+    return np.where(is_open & mixed, nodes, -1)
 
 
 def join_tiles(folder: TileFolder, nodes: Mapping[Index, Layers], exterior: Ints) -> Ints:

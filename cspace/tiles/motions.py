@@ -4,8 +4,8 @@
 piece begins in.*
 
 **Proof.** Positions are in cells. The motion leads from p to q, straight in position, while the
-rotation takes the shorter arc. It is cut at evenly spaced parameters 0 = t_0 < t_1 < ... = 1. Piece i
-is the motion between the configurations that are computed for t_i and t_(i+1).
+rotation takes the shorter arc. It is cut at evenly spaced parameters 0 = t_0 < t_1 < ... = 1. Piece
+i is the motion between the configurations that are computed for t_i and t_(i+1).
 
 1. *Each point of the motion is near a point of a piece.* A coordinate at t_i is ``p + t (q - p)``,
    rounded three times. Coordinates are below 2^23 cells, so its error is below 2^-28 cells, and
@@ -16,14 +16,16 @@ is the motion between the configurations that are computed for t_i and t_(i+1).
    rounding, that of the part's lower corner, and the error of 1. are together below SLACK, 2^-26
    cells, and below ANGLE_SLACK, 1e-9 rad.
 3. *The part has those cells.* A piece begins in the interior of its tile, and is shorter than the
-   halo by a cell or more along each axis. So it stays a cell away from the border of the part, except
-   where that is the border of the grid. There, a motion in the closed grid ignores the cells outside,
-   as in memory: the cells in the grid contain it. A motion that leaves the grid is proven by windows
-   that have two more cells on every side of its pieces, or by the frame, which is the map of the
-   space outside, if a piece begins more than a halo outside and so touches no cell of the grid.
+   halo by a cell or more along each axis. So it stays a cell away from the border of the part,
+   except where that is the border of the grid. There, a motion in the closed grid ignores the cells
+   outside, as in memory: the cells in the grid contain it. A motion that leaves the grid is proven
+   by windows that have two more cells on every side of its pieces, or by the frame, which is the
+   map of the space outside, if a piece begins more than a halo outside and so touches no cell of
+   the grid.
 4. *Arcs.* The rotation of a piece is part of that of the motion and less than half a turn, so the
-   shorter arc of the piece follows it. If the motion turns by half a turn, up to rounding, both arcs
-   are the shorter one. Then it is two motions, one along each arc, each in two pieces or more. ∎
+   shorter arc of the piece follows it. If the motion turns by half a turn, up to rounding, both
+   arcs are the shorter one. Then it is two motions, one along each arc, each in two pieces or more.
+   ∎
 """
 
 from __future__ import annotations

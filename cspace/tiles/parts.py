@@ -52,7 +52,9 @@ class OpenTiles:
     @cached_property
     def frame(self) -> CSpace:
         """Map of the space outside the grid; in the grid, it proves less than the tiles."""
-        return CSpace(self.folder.frame)
+        frame = self.folder.frame
+        cell = np.array([[0] * frame.grid.dim, [1] * frame.grid.dim])
+        return CSpace(replace(frame, states=self._outside_states(cell, frame.grid.shape)))
 
     def part(self, index: Index) -> CSpace:
         """Return a tile, with its halo in the grid, as a map in memory."""
@@ -95,8 +97,12 @@ class OpenTiles:
         return corners if self.folder.frame.outside == "free" else self.folder.clip(corners)
 
     def _outside_states(self, corners: Ints, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        """Return the states of a box of cells as if all were outside the grid."""
-        table = self.frame._exterior.table
+        """Return the states of a box of cells as if all were outside the grid.
+
+        They hold in the grid, too, because the states outside follow from boxes around all
+        obstacles, or around the workspace.
+        """
+        table = self.folder.exterior.table
         states = np.empty((len(table), *shape), dtype=np.uint8)
         for row, part in zip(table, states, strict=True):
             part[...] = row[-1]
@@ -120,9 +126,9 @@ class OpenTiles:
     def ask(self, query: Ask, rows: Floats, out: NDArray[Any], reach: float | None = None) -> None:
         """Write the answers for configurations, shape (n, size), to ``out``.
 
-        A query reads only the cell of a configuration, or all within ``reach`` metres along each axis.
-        A tile answers it, a window if it reads cells beyond the tile, or the frame if no cell of the
-        grid is near.
+        A query reads only the cell of a configuration, or all within ``reach`` metres along each
+        axis. A tile answers it, a window if it reads cells beyond the tile, or the frame if no cell
+        of the grid is near.
         """
         folder, grid, rotations = self.folder, self.folder.grid, self.folder.frame.rotations
         cells = 0 if reach is None else math.ceil(reach / grid.spacing) + 1

@@ -46,10 +46,11 @@ Result = TypeVar("Result")
 class TiledCSpace(ConfigurationMap):
     """A certified map in a folder of tiles, each a saved map.
 
-    :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries return the
-    results of the same map in memory, :class:`cspace.CSpace`; :meth:`clearance` is at most the width of the
-    halo of a tile, less two cells. A query groups its configurations by tile, so that each tile is read once.
-    :meth:`window` returns a part as a map in memory, which has all other methods.
+    :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries
+    return the results of the same map in memory, :class:`cspace.CSpace`; :meth:`clearance` is at
+    most the width of the halo of a tile, less two cells. A query groups its configurations by tile,
+    so that each tile is read once. :meth:`window` returns a part as a map in memory, which has all
+    other methods.
 
     A partial map opens too: :attr:`progress` is the fraction done, and queries raise FileError.
 
@@ -234,7 +235,8 @@ class TiledCSpace(ConfigurationMap):
     ) -> None:
         """Compute the connected components and save them.
 
-        The first :meth:`is_connected` calls this in threads of this process; call it to do so earlier or on a cluster.
+        The first :meth:`is_connected` calls this in threads of this process; call it to do so
+        earlier or on a cluster.
 
         Parameters
         ----------
@@ -268,8 +270,9 @@ class TiledCSpace(ConfigurationMap):
         Returns
         -------
         list of (callable, ndarray of float64, ndarray of float64)
-            For each tile, a function that returns it as a map in memory, and the start and goal in it, shape (size,),
-            yaw in [-pi, pi). Each goal is the start of the next tile. Empty if no FREE cells connect q0 and q1.
+            For each tile, a function that returns it as a map in memory, and the start and goal in
+            it, shape (size,), yaw in [-pi, pi). Each goal is the start of the next tile. Empty if
+            no FREE cells connect q0 and q1.
         """
         rotations = self.rotations
         start, goal = (
@@ -304,14 +307,15 @@ class TiledCSpace(ConfigurationMap):
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
         """Return the map of a box, in memory.
 
-        It holds the cells of the box and the cells that the robot reaches from it, also beyond the boundary of the map
-        if the space there is free.
-        All other cells count as MIXED, and ``outside`` is "unknown". So the window proves two configurations
-        disconnected only if they are so in the whole map, and clearances end at the window's boundary. A window of the
-        whole map is the map, with its own ``outside``.
+        It holds the cells of the box and the cells that the robot reaches from it, also beyond the
+        boundary of the map if the space there is free. All other cells count as MIXED, and
+        ``outside`` is "unknown". So the window proves two configurations disconnected only if they
+        are so in the whole map, and clearances end at the window's boundary. A window of the whole
+        map is the map, with its own ``outside``.
 
-        With ``exact=True`` the window uses the shapes that the map was built on. It uses the outer cells instead if the
-        map was built on cells, after an update, and if a shape extends beyond a map with a free exterior.
+        With ``exact=True`` the window uses the shapes that the map was built on. It uses the outer
+        cells instead if the map was built on cells, after an update, and if a shape extends beyond
+        a map with a free exterior.
 
         Parameters
         ----------
@@ -344,8 +348,8 @@ class TiledCSpace(ConfigurationMap):
     def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.
 
-        It serves plots and rough queries. A coarse cell is FREE if all its cells are FREE, BLOCKED if all are BLOCKED,
-        and else MIXED; so the overview is certified like the map.
+        It serves plots and rough queries. A coarse cell is FREE if all its cells are FREE, BLOCKED
+        if all are BLOCKED, and else MIXED; so the overview is certified like the map.
 
         Parameters
         ----------
@@ -358,9 +362,10 @@ class TiledCSpace(ConfigurationMap):
     def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
         """Replace a box of workspace cells; update the map.
 
-        The result equals a new build. A window around the box is updated in memory, and the tiles that the change
-        reaches are replaced at one moment; :attr:`version` grows. Queries, in any process, see the map before or after
-        the update, even if it is killed. Updates wait for each other.
+        The result equals a new build. A window around the box is updated in memory, and the tiles
+        that the change reaches are replaced at one moment; :attr:`version` grows. Queries, in any
+        process, see the map before or after the update, even if it is killed. Updates wait for each
+        other.
 
         Parameters
         ----------

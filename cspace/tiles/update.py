@@ -33,7 +33,7 @@ def update_tiles(path: Path, patch: Patch) -> Update:
         corners = np.stack([first, first + patch.outer.shape])
         reached = folder.clip(grow(corners, folder.reach))
         around = folder.clip(grow(reached, folder.reach))
-        window = tiles.window(around, Exterior(tiles.frame._exterior.table.copy()))
+        window = tiles.window(around, Exterior(folder.exterior.table.copy()))
         update = window.update(patch.outer, first - around[0], inner=patch.inner)
         lower, upper = (tuple((around[0] + end).tolist()) for end in (update.lower, update.upper))
         if not update.occupied:

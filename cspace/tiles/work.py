@@ -42,8 +42,8 @@ def run_tasks(
 ) -> list[Any]:
     """Return ``task(shared, tile)`` for each tile, run in threads or on a cluster.
 
-    ``needed`` is the memory of one task, in bytes; threads are as many as fit. Raises InputError if one
-    does not fit, or if the cluster fails, and any error of a task.
+    ``needed`` is the memory of one task, in bytes; threads are as many as fit. Raises InputError if
+    one does not fit, or if the cluster fails, and any error of a task.
     """
     if not tiles:
         return []

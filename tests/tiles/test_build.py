@@ -211,6 +211,22 @@ def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
         cspace.open(path).classify([lower[0] + 0.1, lower[1] + 1.2, 0.0])
 
 
+def test_a_build_does_not_complete_a_map_with_a_tile_of_another_one(built, tmp_path):
+    # As from a worker that still builds a map whose folder was replaced.
+    workspace = random_workspace((20, 17))
+    path = shutil.copytree(built / "m", tmp_path / "m")
+    attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
+    arrays = attributes["arrays"].replace(" exterior", "")
+    reseal(path, **{**attributes, "arrays": arrays, "sums": None})
+    shutil.rmtree(path / "0.1")
+    shutil.copytree(built / "other" / "0.1", path / "0.1")
+    with pytest.raises(FileError, match="tile of another map"):
+        cspace.build(workspace, CAR, rotations=4, store=path, tile=8)
+    shutil.rmtree(path / "0.1")
+    cspace.build(workspace, CAR, rotations=4, store=path, tile=8)
+    check_states(path, cspace.build(workspace, CAR, rotations=4))
+
+
 @pytest.mark.parametrize(
     "change",
     [

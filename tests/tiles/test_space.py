@@ -16,7 +16,7 @@ from tests.placements import draw_configurations
 from tests.tiles.test_build import random_workspace
 
 FOREIGN = {
-    *("workspace", "precision", "overlap_counts", "cell_states"),
+    *("workspace", "overlap_counts", "cell_states"),
     *("states_at", "overlap_count", "contains_robot", "obstacle_distance"),
     *("point_checker", "edge_checker"),
     *("clearance_checker", "reachable_bounds", "find_path", "find_widest_path"),
