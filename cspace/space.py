@@ -228,7 +228,7 @@ class CSpace(ConfigurationMap, MapExport):
             "memory_bytes": sum(array.nbytes for array in arrays),
         }
 
-    def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
+    def __reduce__(self) -> tuple[type[CSpace], tuple[Any, ...]]:
         """Copy or pickle the contents of the map, without caches and locks."""
         with self._lock:  # an update waits
             return type(self), (self._contents.copy(),)
@@ -950,10 +950,9 @@ class CSpace(ConfigurationMap, MapExport):
         """Drop all data that depend on the cells, and take over the workspace of an update."""
         contents = self._contents
         same = contents.workspace is workspace and contents.layers is layers
-        if not same or contents.field is not None or contents.prove is not None:
-            # Overlap counts and fields, and the arm of a joint map, belong to the obstacles before the update.
-            dropped: dict[str, Any] = {"overlap_counts": None, "field": None, "prove": None}
-            self._contents = replace(contents, workspace=workspace, layers=layers, **dropped)
+        if not same or contents.field is not None:
+            # Overlap counts and fields belong to the obstacles before the update.
+            self._contents = replace(contents, workspace=workspace, layers=layers, overlap_counts=None, field=None)
         derived.drop(self)
         # Checkers of planners hold these two objects.
         for part in ("_distances", "_exact"):
@@ -1064,10 +1063,8 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the input of exact queries."""
         from cspace.exact.boundaries import Problem
 
-        exterior_blocked, prove = self.outside != "free", self._contents.prove
-        return Problem(
-            self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked, prove
-        )
+        exterior_blocked = self.outside != "free"
+        return Problem(self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked)
 
     @derived
     def _components(self) -> Components:

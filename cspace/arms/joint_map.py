@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,12 +36,14 @@ from cspace.check import check_finite, check_positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
-from cspace.exact.proofs import BoundaryProofs
+from cspace.exact.proofs import BoundaryProofs, ExactQueries
 from cspace.exact.triangles import MAX_PENDING_PAIRS
 from cspace.grid import Grid
 from cspace.limits import PlannedGrid, check_memory
 from cspace.map.contents import Contents
+from cspace.map.derived import lazy
 from cspace.map.exterior import FARTHEST_CELL, Exterior
+from cspace.obstacles import ObstacleLayers
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
@@ -82,7 +84,7 @@ def build_joint_map(
     limits: Mapping[str, tuple[float, float]] | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> CSpace:
+) -> JointMap:
     """Map all positions of two or three joints.
 
     Each cell is FREE, BLOCKED or MIXED as a whole.
@@ -105,7 +107,7 @@ def build_joint_map(
 
     Returns
     -------
-    CSpace
+    JointMap
         Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED cells, until cells
         are changed; files do not store it. The robot is a point, and the workspace the cells that are not FREE. All
         beyond a joint's own limits is BLOCKED. All beyond the mapped part of a range is MIXED, so that no path crosses
@@ -188,11 +190,39 @@ def build_joint_map(
     slices = rotations._slices_for(robot.shape)
     mixed = np.flatnonzero(deciding_pairs >= 0)
     part_names = tuple(each.name for group in space._snapshot.groups for each in group.members for _ in each.parts)
-    prove = JointGeometry(
+    geometry = JointGeometry(
         space._outer_scene, joint_indices, held, joint_limits, part_names, mixed, deciding_pairs.ravel()[mixed]
     )
     exterior = _make_exterior(grid, intervals, joint_limits)
-    return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior, prove=prove))
+    contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
+    return JointMap(contents, geometry)
+
+
+class JointMap(CSpace):
+    """A map whose exact proofs use the geometry of an arm, until its cells change."""
+
+    def __init__(self, contents: Contents, geometry: JointGeometry | None) -> None:
+        super().__init__(contents)
+        self._geometry = geometry
+
+    def __reduce__(self) -> tuple[type[JointMap], tuple[Any, ...]]:
+        """Copy or pickle the contents and the geometry."""
+        with self._lock:  # an update waits
+            return type(self), (self._contents.copy(), self._geometry)
+
+    @lazy
+    def _exact(self) -> ExactQueries:
+        """Queries with exact geometry."""
+        return ExactQueries(self._problem, self._make_proofs)
+
+    def _make_proofs(self, problem: Problem) -> Proofs:
+        """Return proofs by the arm, or by the cells once they changed."""
+        return BoundaryProofs(problem) if self._geometry is None else JointProofs(self._geometry, problem)
+
+    def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
+        """Drop the geometry too, which belongs to the cells before the update."""
+        self._geometry = None
+        super()._drop_derived(workspace, layers)
 
 
 def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple[str, str], int]:
@@ -231,8 +261,8 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    geometry = joint_map._kept.prove
-    if not isinstance(geometry, JointGeometry):
+    geometry = joint_map._geometry if isinstance(joint_map, JointMap) else None
+    if geometry is None:
         rule, hint = "maps from files and maps with changed cells have none", "pass the map that build_joint_map made"
         raise InputError("joint_map", "has no geometry of an arm", rule, hint, value=joint_map)
     cells, pairs, grid = geometry.mixed_cells, geometry.deciding_pairs, joint_map.grid
@@ -474,10 +504,6 @@ class JointGeometry:
     mixed_cells: Ints
     deciding_pairs: NDArray[np.int16]
 
-    def __call__(self, problem: Problem) -> JointProofs:
-        """Return the proofs for a map."""
-        return JointProofs(self, problem)
-
     def configurations(self, q: Floats) -> Floats:
         """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
         rows = np.tile(self.held, (len(q), 1))
@@ -500,13 +526,12 @@ class JointProofs:
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         """Return whether each edge, shapes (n, d), is proven free."""
-        free, (low, high) = (
-            np.zeros(len(q0), dtype=np.bool_),
-            self._geometry.intervals.T,
-        )  # nothing is proven beyond the limits
-        first, last = (((low <= q) & (q <= high)).all(axis=1) for q in (q0, q1))
-        inside = np.flatnonzero(first & last)
-        firsts, lasts = (self._geometry.configurations(q[inside]) for q in (q0, q1))
+        free = np.zeros(len(q0), dtype=np.bool_)
+        low, high = self._geometry.intervals.T  # nothing is proven beyond the limits
+        within = (low <= q0) & (q0 <= high) & (low <= q1) & (q1 <= high)
+        inside = np.flatnonzero(within.all(axis=1))
+        firsts = self._geometry.configurations(q0[inside])
+        lasts = self._geometry.configurations(q1[inside])
         free[inside] = are_free(self._geometry.scene, firsts, lasts)
         return free
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -51,9 +50,6 @@ class Contents:
         States outside the grid; if None, computed from the robot's rasters when needed.
     proves_blocked : bool or None
         True if BLOCKED is proven; None if unknown, as for a map from a file of an earlier version.
-    prove : callable or None
-        Makes exact proofs of a :class:`cspace.exact.boundaries.Problem` for a map of joints, by the space of the arm.
-        It is not stored in files, and the first change of cells drops it.
     layers : ObstacleLayers or None
         Named obstacles that the cells of the workspace come from; not stored in files.
 
@@ -72,7 +68,6 @@ class Contents:
     field: Floats | None = None
     exterior: Exterior | None = None
     proves_blocked: bool | None = None
-    prove: Callable[..., Any] | None = None
     layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
