@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -626,16 +626,6 @@ class Arm:
             rule = f"the last axis must hold one number for each of {', '.join(self.joints)}"
             raise InputError(name, f"has shape {array.shape}", rule, f"pass {self.dof} numbers", value=q)
         return array
-
-
-def measure_arm_reach(arm: Arm) -> float:
-    """Bound the distance of links from the base's origin, metres."""
-    reaches = [0.0]
-    for link in arm.links:
-        for part in link.parts:
-            corners = part.transform(np.array(list(product(*zip(*part.shape.outer.bounds, strict=True)))))
-            reaches.append(float(arm.chain.lengths[0, link.body] + np.linalg.norm(corners, axis=1).max()))
-    return max(reaches)
 
 
 def sort_pair(one: str, other: str) -> Names:

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.chain import FIXED, body_poses
 from cspace.arms.hulls import node_corners
-from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, measure_arm_reach, sort_pair
+from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
 from cspace.arms.scenes import LinkStores, PackedSolids, make_inner_scene, make_outer_scene, pack_solids
 from cspace.arms.solids import PosedShape, Solid, StaticShape
 from cspace.arrays import Bools, Floats, Ints
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError
 from cspace.map.batches import as_contiguous
 from cspace.threads import in_chunks
 
@@ -178,12 +178,9 @@ def make_snapshot(
 
     Raises
     ------
-    InputError
-        If the arm reaches beyond the radius of a plane.
     ConfigurationError
         As :func:`build_arm_space`.
     """
-    _check_planes(arm, obstacles, padding, margin)
     allowed, may_touch = frozenset(allowed), arm.allowed_collisions.keys() | frozenset(allowed)
     reach = _measure_reach(arm) if before is None or before.arm is not arm else before.reach
     static = {name: _place_static(name, each, reach, before) for name, each in obstacles.items() if each is not None}
@@ -215,26 +212,6 @@ def make_snapshot(
     _refuse_fixed(made, new_fixed, _pad_pairs(groups, new_fixed))
     _refuse_always(made, np.array([is_new[i] or is_new[j] for i, j in pairs], dtype=np.bool_))
     return made
-
-
-def _check_planes(
-    arm: Arm, obstacles: Mapping[str, PosedShape | None], padding: Mapping[str, float], margin: float
-) -> None:
-    """Raise InputError if a plane ends within the reach of an arm."""
-    planes = [
-        (name, each.pose[:3, 3], each.plane_radius)
-        for name, each in obstacles.items()
-        if each is not None and each.plane_radius is not None
-    ]
-    if not planes:
-        return
-    reach = measure_arm_reach(arm) + margin + max(padding.get(link.name, 0.0) for link in arm.links)
-    for name, center, radius in planes:
-        needed = reach + float(np.linalg.norm(center)) + padding.get(name, 0.0)
-        if needed > radius:
-            rule = f"the arm reaches {needed:.6g} m from the origin of its scene, margin and padding included"
-            hint = "pass a larger one to read_moveit_scene"
-            raise InputError("plane_radius", f"of {name!r} is {radius:g}", rule, hint, value=radius)
 
 
 def _measure_reach(arm: Arm) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
 from typing import ClassVar, Final, NamedTuple, cast
 from weakref import WeakValueDictionary
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.hulls import Hulls, build_hulls
 from cspace.arrays import Floats, Ints
-from cspace.check import check_finite, check_positive
+from cspace.check import check_finite
 from cspace.errors import InputError
 from cspace.exact.boundaries import as_triangles, part_anchors
 from cspace.exact.triangles import Trees, build_tree, pack_boxes, pack_triangles
@@ -46,25 +46,20 @@ class PosedShape:
         In space, metres.
     pose : array-like, shape (4, 4)
         From the frame of the shape to the frame of the body.
-    plane_radius : float, optional
-        The shape replaces a plane without end, within this distance of the origin of its frame, metres.
 
     Raises
     ------
     InputError
-        If it is no shape, or the radius is not above zero.
+        If it is no shape.
     """
 
     shape: Shape
     pose: Floats
-    plane_radius: float | None = field(default=None, kw_only=True)
     is_filled: ClassVar[bool] = False
 
-    def __init__(self, shape: ShapeLike, pose: ArrayLike, *, plane_radius: float | None = None) -> None:
-        radius = None if plane_radius is None else check_positive(plane_radius, "plane_radius")
+    def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
         object.__setattr__(self, "shape", as_shape(shape))
         object.__setattr__(self, "pose", pose)
-        object.__setattr__(self, "plane_radius", radius)
 
     @cached_property
     def bounds_pair(self) -> tuple[PosedShape, PosedShape]:
@@ -302,8 +297,7 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
 
 @place_obstacle.register
 def _(obstacle: PosedShape, name: str, base: Floats) -> PosedShape:
-    placed = place_shape(obstacle.shape, name, base @ check_rigid(obstacle.pose, f"pose of {name}"))
-    return replace(placed, plane_radius=obstacle.plane_radius)
+    return place_shape(obstacle.shape, name, base @ check_rigid(obstacle.pose, f"pose of {name}"))
 
 
 @place_obstacle.register

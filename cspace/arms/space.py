@@ -163,8 +163,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`,
-            or a plane that ends within the arm's reach; nothing changes then.
+            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`;
+            nothing changes then.
         ConfigurationError
             If no configuration would be free, as for :func:`cspace.build_arm_space`; nothing changes then.
 
@@ -254,8 +254,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, no obstacle has the name, it is a
-            plane, or a plane would end within the arm's reach. Nothing changes then.
+            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, or no obstacle has the name.
+            Nothing changes then.
         ConfigurationError
             If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
         """
@@ -266,8 +266,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             if shape is None:
                 filled = {each: placed for each, placed in left.items() if placed is not None}
                 placed = filled[check_known(name, "name", filled)]
-                if placed.plane_radius is not None:
-                    raise InputError("name", f"is {name!r}", "a plane has no end", "attach a box", value=name)
                 del left[name]
                 point = self._check_configuration(q, "q", "it says where the obstacle is on the link")
                 if pose is not None:
@@ -335,8 +333,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If the name is unknown, the padding is negative, or a plane would end within the arm's reach; nothing
-            changes then.
+            If the name is unknown, or the padding is negative; nothing changes then.
         ConfigurationError
             If no configuration would be free; nothing changes then.
         """
@@ -895,8 +892,8 @@ def build_arm_space(
         point cloud is used exactly, any other by its cells; everything beyond the grid is free. But a workspace of one
         mesh or other exact shape is that shape as a whole, so its part beyond the ``bounds`` still blocks. Unknown
         cells are obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A planning scene of
-        :func:`cspace.arms.read_moveit_scene` also attaches its objects and pads links; if it has an allowed collision
-        matrix, that replaces :attr:`Arm.allowed_collisions`.
+        :func:`cspace.arms.read_moveit_scene` also attaches its objects; if it has an allowed collision matrix, that
+        replaces :attr:`Arm.allowed_collisions`.
     arm : Arm
     allowed_collisions : iterable of pairs of str
         A link, and an obstacle or link that it may touch, in addition to :attr:`Arm.allowed_collisions`.
@@ -913,18 +910,17 @@ def build_arm_space(
     ------
     InputError
         If a name is taken by a link or unknown, an obstacle is in the plane, a pose is no rigid motion, the margin is
-        negative, a plane of a planning scene ends within the arm's reach, or cells do not fit into memory.
+        negative, or cells do not fit into memory.
     ConfigurationError
         If an obstacle touches a link that no joint moves, or if a pair that at most two joints move touches in all 1000
         random configurations.
     """
-    pairs, extra = set[Names](), dict[str, float]()
+    pairs = set[Names]()
     given = None if base_pose is None else check_rigid(base_pose, "base_pose")
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
         given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
         (arm, pairs), obstacles = scene._place(arm, given), scene.obstacles
-        extra = scene._pad_links(arm)
     pose = np.eye(4) if given is None else given
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
@@ -935,8 +931,10 @@ def build_arm_space(
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
     min_distance = check_not_negative(margin, "margin")
-    for name, metres in ({} if padding is None else padding).items():
-        extra[check_known(name, "padding", known, "names")] = check_not_negative(metres, f"padding of {name}")
+    extra = {
+        check_known(name, "padding", known, "names"): check_not_negative(metres, f"padding of {name}")
+        for name, metres in (padding or {}).items()
+    }
     base = np.linalg.inv(pose).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)

@@ -184,7 +184,7 @@ def open_file(path: Path) -> object:
     if path.name.startswith("robot"):
         return Robot.open(path)
     if path.name.startswith("scene"):
-        return read_moveit_scene(path, plane_radius=2.0)
+        return read_moveit_scene(path)
     if path.name.startswith("request"):
         return read_moveit_request(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
