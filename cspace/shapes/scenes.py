@@ -331,12 +331,16 @@ def _refuse_rest(scene: Mapping[str, Any], world: Mapping[str, Any]) -> None:
     """Raise ContentError if a scene holds an OctoMap, transforms, or links of another size."""
     octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
     tree = check_table(octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data"))
+    parse_pose(octomap.get("origin"), "origin of octomap")
+    for entry in (octomap, tree):
+        parse_frame(entry, "octomap")
     if tree.get("data"):
         hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
         raise ContentError("holds an OctoMap", "only collision objects are read", hint)
     for number, item in enumerate(check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms")):
         place = f"fixed_frame_transforms[{number}]"
         entry = check_table(item, place, ("header", "child_frame_id", "transform"))
+        parse_frame(entry, place)
         hint = "write the objects in the planning frame, e.g. by tf2, and remove the transform"
         check_identity(entry.get("transform"), f"transform of {place}", "frames are not transformed", hint)
     hint = "remove link_padding, and pass padding= to build_arm_space"

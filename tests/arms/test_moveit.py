@@ -258,7 +258,11 @@ def carry(link: str, *objects: dict[str, Any], **more: Any) -> dict[str, Any]:
     ([make_object("tool")], {}, "has the object 'tool'; the arm has a frame of that name; rename the object"),
     ([make_object("fore")], {}, "has the object 'fore'; the arm has a frame of that name"),
     ([], carry("tool", make_object("left", **ON_TOOL)), "has the object 'left'; the arm has a frame"),
-    ([make_object("box")], carry("hand", make_object("mug", header={"frame_id": "hand"})), "link_name of 'mug' is 'hand'"),
+    (
+        [make_object("box")],
+        carry("hand", make_object("mug", header={"frame_id": "hand"})),
+        "link_name of 'mug' is 'hand'",
+    ),
     ([make_object("box")], carry("old", make_object("mug", header={"frame_id": "old"})), "link_name of 'mug' is 'old'"),
     ([make_object("box")], joint_state(STATE | {"lift": 0.5}), "has lift at 0.5; the arm holds it at 0.25; pass held_"),
 )
