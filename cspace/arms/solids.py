@@ -162,15 +162,6 @@ class StaticShape(PosedShape):
 
     reach: float
 
-    def has_levers_of(self, reach: float) -> bool:
-        """Return True if the shape would be the same with another reach."""
-        return reach == self.reach or all(
-            np.array_equal(sizes <= reach, sizes <= self.reach)
-            for part in self.bounds_pair
-            if part._exact.is_boxes
-            for sizes in [part._exact.boxes[2]]
-        )
-
     @cached_property
     def is_filled(self) -> bool:  # type: ignore[override]
         """True if the rows are solids."""
