@@ -442,7 +442,7 @@ def test_a_tuple_is_answered_and_refused_as_an_array(tmp_path: Path) -> None:
         for form in (tuple, list):
             with pytest.raises(InputError) as caught:
                 space.is_free(form(wrong))  # type: ignore[arg-type]
-            messages.append(str(caught.value))
+            messages.append(caught.value.rule)
         assert messages[0] == messages[1]
     with pytest.raises(InputError):
         space.motion_is_free((0.0,), (0.0, 0.0, 0.0))
