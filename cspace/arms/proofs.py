@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.chain import Chain, forward_kinematics, motion_bounds, relative_motion, relative_pose
-from cspace.arms.hulls import CACHED_DIRECTIONS, Hulls, joint_displacement, tree_slack
+from cspace.arms.hulls import Hulls, joint_displacement, tree_slack
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
@@ -137,12 +137,8 @@ class SceneScratch(NamedTuple):
         Bounds of each pair along the whole motion: displacement, half the acceleration, rotation of the joints.
     not_nested : ndarray of bool, shape (p,)
         Pairs known not to contain each other.
-    nearest : ndarray of int64, shape (p, 2)
-        The pair of nodes nearest to touching in the last test of each pair.
     crossing : ndarray of int64, shape (p, 2)
         Leaves of the triangles that last crossed, of each pair; -1 for none.
-    directions : ndarray of float64, shape (CACHED_DIRECTIONS, 4)
-        Separating directions of pairs of hulls.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair in a box of configurations; see :func:`cspace.arms.hulls.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
@@ -153,9 +149,7 @@ class SceneScratch(NamedTuple):
     poses: Floats
     bounds: Floats
     not_nested: Bools
-    nearest: Ints
     crossing: Ints
-    directions: Floats
     axes: Floats
     nodes: Ints
 
@@ -170,8 +164,6 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
         np.empty((pairs, 3)),
         np.empty(pairs, dtype=np.bool_),
         np.full((pairs, 2), -1),
-        np.full((pairs, 2), -1),
-        np.zeros((CACHED_DIRECTIONS, 4)),
         np.empty((bodies, 8)),
         np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
     )
@@ -300,10 +292,10 @@ def pair_slack(
     The pair's padding is required in addition. ``bounds`` are the time to either side, the largest deviation from the
     linear motion, and the largest displacement. ``axes`` are the joints of a box of configurations, none for a motion.
     """
-    solids, nodes, nearest, (half, curvature_bound, most) = scene.solids, scratch.nodes, scratch.nearest, bounds
+    solids, (half, curvature_bound, most) = scene.solids, bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
-        nodes[1, 0] = 0
+        scratch.nodes[1, 0] = 0
         return np.inf
     motion = relative_motion(
         scratch.poses[solids.bodies[i]],
@@ -313,10 +305,7 @@ def pair_slack(
         most,
         required + scene.padding[n],
     )
-    nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    slack = tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, nodes, scratch.directions)
-    nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
-    return slack
+    return tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, scratch.nodes)
 
 
 @kernel
@@ -516,7 +505,6 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
-            scratch.nearest[n, 0] = -1  # keeps the bound independent of earlier queries
             # A pair that is too near counts, even if its distance exceeds that of a pair with less padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
             slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
