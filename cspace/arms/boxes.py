@@ -29,24 +29,23 @@ from cspace.arms.proofs import (
     SceneScratch,
     Solids,
     boundaries_cross,
+    encloses,
     is_nested,
+    nearest_triangle,
     pair_slack,
     required_distance,
+    winding_number,
 )
+from cspace.arms.solids import SurfaceTree
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR
-from cspace.exact.triangles import build_boxes, read_box
+from cspace.exact.triangles import read_box
 from cspace.grid import SLACK
-from cspace.kernels import THIN, apply_pose, box_distance, dot, minus, point_triangle, rotate, rotate_back, row_at
-from cspace.raster.surfaces import signed_crossing
+from cspace.kernels import THIN, apply_pose, dot, minus, rotate, rotate_back, row_at
 
 MAX_PENDING_BLOCKS: Final = 128
 """Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their parts, and some spare."""
-
-
-TREE_ROUNDING: Final = 2.0**-40
-"""Growth of boxes of a tree against rounding, relative to the size of the surface."""
 
 
 JOINTS_ONLY: Final = (0.0, 0.0, math.inf)
@@ -79,46 +78,8 @@ class JointCells(NamedTuple):
     parts: int
 
 
-class SurfaceTrees(NamedTuple):
-    """Trees of the triangles of closed surfaces.
-
-    Attributes
-    ----------
-    boxes : ndarray of float64, shape (m, 6)
-        Center and half sides of the box of each node.
-    spans : ndarray of int64, shape (m, 2)
-        Index in ``order`` of the first triangle of each node, and their number; children as in
-        :class:`cspace.exact.triangles.Trees`.
-    order : ndarray of int64, shape (n,)
-        Indices of triangles.
-    roots : ndarray of int64, shape (h,)
-        Root of each surface.
-    """
-
-    boxes: Floats
-    spans: Ints
-    order: Ints
-    roots: Ints
-
-
-def build_surface_trees(solids: Solids) -> SurfaceTrees:
-    """Build a tree of each closed surface."""
-    boxes, spans, order, roots = [np.empty((0, 6))], [np.empty((0, 2), dtype=np.int64)], list[Ints](), list[int]()
-    nodes = rows = 0
-    for start, stop in solids.surface_spans.tolist():
-        corners = solids.triangles[start:stop]
-        box, ranks, span = build_boxes(corners.min(axis=1), corners.max(axis=1))
-        boxes.append(box)
-        spans.append(span + np.array([rows, 0]))
-        order.append(start + ranks)
-        roots.append(nodes)
-        nodes, rows = nodes + len(box), rows + len(ranks)
-    every = np.concatenate([np.empty(0, dtype=np.int64), *order])
-    return SurfaceTrees(np.concatenate(boxes), np.concatenate(spans), every, np.array(roots, dtype=np.int64))
-
-
 class InnerBalls(NamedTuple):
-    """Balls inside solids, and trees of closed surfaces.
+    """Balls inside solids.
 
     Attributes
     ----------
@@ -129,14 +90,12 @@ class InnerBalls(NamedTuple):
         First ball of each solid.
     deepest : ndarray of float64, shape (s,)
         Approximate largest depth of a point in each solid.
-    trees : SurfaceTrees
     """
 
     centers: Floats
     radii: Floats
     starts: Ints
     deepest: Floats
-    trees: SurfaceTrees
 
 
 class PendingBlocks(NamedTuple):
@@ -458,13 +417,12 @@ def ball_collides(inside: InnerScene, i: int, j: int, axes: Floats, required: fl
         if solids.has_solids[j] and reaches_piece(solids, j, point, rest, scratch):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
-            whole = solids.boxes[surface]
+            root = solids.surface_roots[surface]
+            whole = solids.surfaces.boxes[root]
             # A point is no deeper in a surface than in its box, which decides for most balls.
-            if min(x - whole[0], whole[3] - x) + rest <= 0.0 or min(y - whole[1], whole[4] - y) + rest <= 0.0:
+            if abs(x - whole[0]) >= whole[3] + rest or abs(y - whole[1]) >= whole[4] + rest:
                 continue
-            if min(z - whole[2], whole[5] - z) + rest <= 0.0:
-                continue
-            if lies_deep(solids, balls.trees, surface, point, -rest, scratch.nodes):
+            if abs(z - whole[2]) < whole[5] + rest and lies_deep(solids.surfaces, root, point, -rest, scratch.nodes):
                 return True
     return False
 
@@ -513,83 +471,26 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 
 @kernel
-def lies_deep(solids: Solids, trees: SurfaceTrees, surface: int, point: Row, min_depth: float, nodes: Ints) -> bool:
+def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
     """Return True if a point is deeper than ``min_depth`` in a surface.
 
     A negative ``min_depth`` allows a point outside, nearer to the surface than that. ``nodes`` is scratch, shape
     (MAX_PENDING_PAIRS, 2).
     """
-    box, reach = solids.boxes[surface], abs(min_depth)
-    if min_depth < 0.0:
-        # The distance from thin triangles may be too small.
-        size = box[3] - box[0] + box[4] - box[1] + box[5] - box[2]
-        reach = -min_depth - THIN * size
-        if reach > 0.0 and nearest_triangle(solids, trees, surface, point, reach, nodes) < reach:
-            return True
-    elif nearest_triangle(solids, trees, surface, point, reach, nodes) <= reach:
-        return False
-    return winding_number(solids, trees, surface, point, nodes) != 0
+    if min_depth >= 0.0:
+        return encloses(surfaces, root, point, min_depth, nodes)
+    # The distance from thin triangles may be too small.
+    box = surfaces.boxes[root]
+    reach = -min_depth - THIN * 2.0 * (box[3] + box[4] + box[5])
+    if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
+        return True
+    return winding_number(surfaces, root, point, nodes) != 0
 
 
 @kernel
-def winding_number(solids: Solids, trees: SurfaceTrees, surface: int, point: Row, nodes: Ints) -> int:
-    """Return how often a closed surface winds around a point: the signed crossings of an upward ray."""
-    (x, y, z), box, winding = point, solids.boxes[surface], 0
-    if x < box[0] or x > box[3] or y < box[1] or y > box[4] or z > box[5]:
-        return 0
-    rounding = TREE_ROUNDING * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
-    nodes[1, 0], top = trees.roots[surface], 2
-    while top > 1:
-        top -= 1
-        b = nodes[top, 0]
-        around, (start, count) = trees.boxes[b], trees.spans[b]
-        # The ray crosses no triangle beside it or below its start.
-        if abs(x - around[0]) > around[3] + rounding or abs(y - around[1]) > around[4] + rounding:
-            continue
-        if z - around[2] > around[5] + rounding:
-            continue
-        if count == 1:
-            t = trees.order[start]
-            winding += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
-            continue
-        nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (count // 2)
-        top += 2
-    return winding
-
-
-@kernel
-def nearest_triangle(
-    solids: Solids, trees: SurfaceTrees, surface: int, point: Row, enough: float, nodes: Ints
-) -> float:
-    """Return a point's distance from the nearest triangle of a surface.
-
-    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be returned.
-    """
-    nodes[1, 0], top, nearest = trees.roots[surface], 2, np.inf
-    while top > 1:
-        top -= 1
-        b = nodes[top, 0]
-        # The larger boxes cover the rounding of boxes and distances.
-        if box_distance(trees.boxes[b], point) > min(enough, nearest) * (1.0 + TREE_ROUNDING):
-            continue
-        start, count = trees.spans[b]
-        if count == 1:
-            nearest = min(nearest, point_triangle(point, solids.triangles[trees.order[start]]))
-            if nearest < enough < np.inf:
-                break
-            continue
-        first, second = b + 1, b + 2 * (count // 2)
-        if box_distance(trees.boxes[first], point) < box_distance(trees.boxes[second], point):
-            first, second = second, first
-        nodes[top, 0], nodes[top + 1, 0] = first, second  # the nearer child comes first
-        top += 2
-    return nearest
-
-
-@kernel
-def surface_depths(solids: Solids, trees: SurfaceTrees, surface: int, points: Floats, out: Floats, nodes: Ints) -> None:
+def surface_depths(surfaces: SurfaceTree, root: int, points: Floats, out: Floats, nodes: Ints) -> None:
     """Compute depths of points, shape (n, 3); negative outside the surface."""
     for n in range(len(points)):
         point = row_at(points[n], 0)
-        depth = nearest_triangle(solids, trees, surface, point, np.inf, nodes)
-        out[n] = depth if winding_number(solids, trees, surface, point, nodes) != 0 else -depth
+        depth = nearest_triangle(surfaces, root, point, np.inf, nodes)
+        out[n] = depth if winding_number(surfaces, root, point, nodes) != 0 else -depth

@@ -301,7 +301,8 @@ def tree_slack(
     configurations, ``axes`` are the joints that move the first tree (:func:`joint_displacement`); a motion has none,
     and for a box the motion has ``half_time`` 0. The result is negative if a pair of nodes is not proven to stay apart,
     and -inf if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
-    (MAX_PENDING_PAIRS, 2), which else starts with -1. Row 1 then starts with 1 if pieces of connected parts were proven apart separately.
+    (MAX_PENDING_PAIRS, 2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
+    apart separately.
     """
     best, partial, moves, joint_turn = enough, False, False, 0.0
     for k in range(len(axes)):

@@ -22,14 +22,13 @@ from cspace.arms.boxes import (
     InnerBalls,
     InnerScene,
     JointCells,
-    SurfaceTrees,
-    build_surface_trees,
     classify_block,
     make_pending,
     surface_depths,
 )
 from cspace.arms.chain import FIXED, REVOLUTE
 from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair_distances
+from cspace.arms.solids import SurfaceTree
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
 from cspace.check import check_finite, check_positive
@@ -409,8 +408,7 @@ def _inner_balls(solids: Solids) -> InnerBalls:
 
     They are the deepest lattice points, apart from each other, and corners.
     """
-    trees = build_surface_trees(solids)
-    surfaces = [_sample_depths(solids, trees, surface) for surface in range(len(solids.boxes))]
+    surfaces = [_sample_depths(solids.surfaces, root) for root in solids.surface_roots.tolist()]
     balls: list[Floats] = []
     counts = []
     for number in range(len(solids.bodies)):
@@ -430,7 +428,6 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         radii=every[:, 3].copy(),
         starts=np.cumsum([0, *counts]),
         deepest=np.array([max(radii, default=0.0) for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])]),
-        trees=trees,
     )
 
 
@@ -443,20 +440,20 @@ def _solid_balls(rows: Floats) -> Floats:
     return np.column_stack([rows[largest, :3], radii[largest]])
 
 
-def _sample_depths(solids: Solids, trees: SurfaceTrees, surface: int) -> tuple[Floats, Floats]:
+def _sample_depths(surfaces: SurfaceTree, root: int) -> tuple[Floats, Floats]:
     """Sample depths at lattice points of a closed surface.
 
     Returns the points and the depths.
     """
-    low, sides = solids.boxes[surface, :3], np.ptp(solids.boxes[surface].reshape(2, 3), axis=0)
+    center, half = surfaces.boxes[root].reshape(2, 3)
+    sides = 2.0 * half
     step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
     # Odd counts put lattice points in the center plane of thin bodies.
-    shape = tuple(
-        np.minimum(2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4).astype(np.int64).tolist()
-    )
-    points = low + (np.indices(shape).reshape(3, -1).T + 0.5) * sides / shape
+    counts = np.minimum(2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4).astype(np.int64)
+    lattice = np.indices(tuple(counts.tolist())).reshape(3, -1).T
+    points = center - half + (lattice + 0.5) * sides / counts
     depth = np.empty(len(points))
-    surface_depths(solids, trees, surface, points, depth, np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64))
+    surface_depths(surfaces, root, points, depth, np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64))
     return points, depth
 
 

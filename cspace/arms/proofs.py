@@ -19,12 +19,27 @@ import numpy as np
 
 from cspace.arms.chain import Chain, forward_kinematics, motion_bounds, relative_motion, relative_pose
 from cspace.arms.hulls import Hulls, joint_displacement, tree_slack
+from cspace.arms.solids import SurfaceTree
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces, read_box
-from cspace.kernels import apply_pose, box_extent, dot, extent_along, minus, point_triangle, rotate_back, row_at
+from cspace.kernels import (
+    apply_pose,
+    box_distance,
+    box_extent,
+    dot,
+    extent_along,
+    minus,
+    point_triangle,
+    rotate_back,
+    row_at,
+)
 from cspace.raster.surfaces import signed_crossing
+
+TREE_ROUNDING: Final = 2.0**-40
+"""Growth of boxes of a tree against rounding, relative to the size of the surface."""
+
 
 MAX_PENDING_MOTIONS: Final = 1024
 """Capacity of the queue of unproven parts of a motion."""
@@ -36,8 +51,6 @@ NO_MOTION: Final = (0.0, 0.0, 0.0)
 
 class Solids(NamedTuple):
     """Links and obstacles: their bodies, trees, closed surfaces and anchors.
-
-    The trees and triangles may also have rows of solids of other scenes, which share the arrays.
 
     Attributes
     ----------
@@ -54,14 +67,10 @@ class Solids(NamedTuple):
         Triangles, boxes and balls that prove BLOCKED, each in the frame of its body.
     tree_roots : ndarray of int64, shape (k,)
         Root of each part in ``trees``; -1 for none.
-    triangles : ndarray of float64, shape (n, 3, 3)
-        Triangles of closed surfaces.
-    windings : ndarray of int64, shape (n,)
-        Multiplicity of each triangle.
-    boxes : ndarray of float64, shape (h, 6)
-        Lower and upper corner of each surface.
-    surface_spans : ndarray of int64, shape (h, 2)
-        Range [start, stop) of the triangles of each surface.
+    surfaces : SurfaceTree
+        Trees of the closed surfaces, each in the frame of its body.
+    surface_roots : ndarray of int64, shape (h,)
+        Root of each surface.
     anchors : ndarray of float64, shape (m, 3)
         A point of each connected part.
     has_solids : ndarray of bool, shape (s,)
@@ -78,10 +87,8 @@ class Solids(NamedTuple):
     levers: Floats
     trees: Trees
     tree_roots: Ints
-    triangles: Floats
-    windings: Ints
-    boxes: Floats
-    surface_spans: Ints
+    surfaces: SurfaceTree
+    surface_roots: Ints
     anchors: Floats
     has_solids: Bools
     starts: Ints
@@ -331,7 +338,8 @@ def anchor_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_dept
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
-            if encloses(solids, surface, apply_pose(matrix, shift, row_at(solids.anchors[n], 0)), min_depth):
+            point = apply_pose(matrix, shift, row_at(solids.anchors[n], 0))
+            if encloses(solids.surfaces, solids.surface_roots[surface], point, min_depth, scratch.nodes):
                 return True
     return False
 
@@ -346,11 +354,11 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
     trees, one, other = solids.trees, scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]]
     (matrix, shift), (back, shift_back) = relative_pose(one, other), relative_pose(other, one)
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
-        whole = solids.boxes[surface]
+        root = solids.surface_roots[surface]
+        whole = solids.surfaces.boxes[root]
         # Search the tree for pieces near the box of the surface, in the frame of solid i.
-        center = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
-        half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
-        (x, y, z), (hx, hy, hz) = apply_pose(back, shift_back, center), box_extent(back, half)
+        x, y, z = apply_pose(back, shift_back, row_at(whole, 0))
+        hx, hy, hz = box_extent(back, row_at(whole, 3))
         for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
             nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
             while top > 1:
@@ -362,7 +370,8 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
                 if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
                     continue
                 if m == 1:
-                    if encloses(solids, surface, apply_pose(matrix, shift, row_at(trees.triangles[row], 0)), min_depth):
+                    point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
+                    if encloses(solids.surfaces, root, point, min_depth, nodes):
                         return True
                     continue
                 nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
@@ -371,25 +380,68 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
 
 
 @kernel
-def encloses(solids: Solids, surface: int, point: Row, min_depth: float) -> bool:
+def encloses(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
     """Return True if a point lies deep in a closed surface.
 
     It must be more than ``min_depth`` from the triangles. A negative ``min_depth`` skips the distances.
     """
-    x, y, z = point
-    box = solids.boxes[surface]
-    if not (box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]):
+    if winding_number(surfaces, root, point, nodes) == 0:
         return False
-    windings = 0
-    for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
-        windings += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
-    if windings == 0:
-        return False
-    if min_depth >= 0.0:  # distances cost more than windings, so they come second
-        for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
-            if point_triangle((x, y, z), solids.triangles[t]) <= min_depth:
-                return False
-    return True
+    return min_depth < 0.0 or nearest_triangle(surfaces, root, point, min_depth, nodes) > min_depth
+
+
+@kernel
+def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) -> int:
+    """Return how often a closed surface winds around a point: the signed crossings of an upward ray.
+
+    The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    (x, y, z), box, winding = point, surfaces.boxes[root], 0
+    rounding = TREE_ROUNDING * (box[3] + box[4] + box[5])
+    nodes[1, 1], top = root, 2
+    while top > 1:
+        top -= 1
+        b = nodes[top, 1]
+        around, (start, count) = surfaces.boxes[b], surfaces.spans[b]
+        # The ray crosses no triangle beside it or below its start.
+        if abs(x - around[0]) > around[3] + rounding or abs(y - around[1]) > around[4] + rounding:
+            continue
+        if z - around[2] > around[5] + rounding:
+            continue
+        if count == 1:
+            winding += signed_crossing(surfaces.triangles[start], x, y, z) * surfaces.windings[start]
+            continue
+        nodes[top, 1], nodes[top + 1, 1] = b + 1, b + 2 * (count // 2)
+        top += 2
+    return winding
+
+
+@kernel
+def nearest_triangle(surfaces: SurfaceTree, root: int, point: Row, enough: float, nodes: Ints) -> float:
+    """Return a point's distance from the nearest triangle of a surface.
+
+    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be returned. The
+    second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    nodes[1, 1], top, nearest = root, 2, np.inf
+    while top > 1:
+        top -= 1
+        b = nodes[top, 1]
+        # The larger boxes cover the rounding of boxes and distances.
+        if box_distance(surfaces.boxes[b], point) > min(enough, nearest) * (1.0 + TREE_ROUNDING):
+            continue
+        start, count = surfaces.spans[b]
+        if count == 1:
+            nearest = min(nearest, point_triangle(point, surfaces.triangles[start]))
+            if nearest < enough < np.inf:
+                break
+            continue
+        first, second = b + 1, b + 2 * (count // 2)
+        if box_distance(surfaces.boxes[first], point) < box_distance(surfaces.boxes[second], point):
+            first, second = second, first
+        nodes[top, 1], nodes[top + 1, 1] = first, second  # the nearer child comes first
+        top += 2
+    return nearest
 
 
 @kernel

@@ -9,7 +9,7 @@ import numpy as np
 from cspace.arms.chain import Chain
 from cspace.arms.hulls import Hulls, join_roots
 from cspace.arms.proofs import Scene, Solids
-from cspace.arms.solids import PosedShape, Solid
+from cspace.arms.solids import PosedShape, Solid, SurfaceTree
 from cspace.arrays import Floats, Ints
 from cspace.exact import DISTANCE_ROUNDING
 from cspace.exact.triangles import Trees
@@ -65,8 +65,7 @@ def _pack(
 ) -> Solids:
     """Return solids whose parts are ``parts``, with the anchors ``points`` of each part."""
     trees, tree_roots = _pack_trees(parts)
-    surfaces = [part.surface for part in parts if len(part.surface[0])]
-    stops = np.cumsum([0, *(len(corners) for corners, _ in surfaces)], dtype=np.int64)
+    surfaces, surface_roots = _pack_surfaces(parts)
     filled = [any(part.is_filled and len(part.tree.boxes) for part in own) for own in _split(solids, parts)]
     anchors, starts = _pack_points(solids, parts, points)
     boxes = hulls.boxes[roots] * (roots >= 0)[:, np.newaxis]
@@ -78,10 +77,8 @@ def _pack(
         levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
         trees=trees,
         tree_roots=tree_roots,
-        triangles=np.concatenate([np.empty((0, 3, 3)), *(corners for corners, _ in surfaces)]),
-        windings=np.concatenate([np.empty(0, dtype=np.int64), *(windings for _, windings in surfaces)]),
-        boxes=np.array([part.surface_box for part in parts if len(part.surface[0])]).reshape(-1, 6),
-        surface_spans=np.column_stack([stops[:-1], stops[1:]]),
+        surfaces=surfaces,
+        surface_roots=surface_roots,
         anchors=anchors,
         has_solids=np.array(filled, dtype=np.bool_),
         starts=starts,
@@ -116,6 +113,29 @@ def _pack_trees(parts: Sequence[PosedShape]) -> tuple[Trees, Ints]:
         nodes += len(tree.boxes)
         row += len(tree.triangles)
     joined = Trees(np.concatenate(boxes), np.concatenate(spans), np.concatenate(rows))
+    return joined, np.array(roots, dtype=np.int64)
+
+
+def _pack_surfaces(parts: Sequence[PosedShape]) -> tuple[SurfaceTree, Ints]:
+    """Join the trees of closed surfaces in one record; return the root of each surface too."""
+    boxes, spans = [np.empty((0, 6))], [np.empty((0, 2), dtype=np.int64)]
+    triangles, windings = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
+    roots = list[int]()
+    nodes = row = 0
+    for part in parts:
+        if not len(part.surface[0]):
+            continue
+        tree = part.surface_tree
+        roots.append(nodes)
+        boxes.append(tree.boxes)
+        spans.append(tree.spans + np.array([row, 0]))
+        triangles.append(tree.triangles)
+        windings.append(tree.windings)
+        nodes += len(tree.boxes)
+        row += len(tree.triangles)
+    joined = SurfaceTree(
+        np.concatenate(boxes), np.concatenate(spans), np.concatenate(triangles), np.concatenate(windings)
+    )
     return joined, np.array(roots, dtype=np.int64)
 
 

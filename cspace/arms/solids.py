@@ -18,7 +18,7 @@ from cspace.arrays import Floats, Ints
 from cspace.check import check_finite
 from cspace.errors import InputError
 from cspace.exact.boundaries import as_triangles, part_anchors
-from cspace.exact.triangles import Trees, build_tree, pack_boxes, pack_triangles
+from cspace.exact.triangles import Trees, build_boxes, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, RoundedSimplices, Shape, ShapeLike, Voxels, as_shape
 from cspace.shapes.shape import unique_rows
@@ -34,6 +34,26 @@ _BYTES_PER_CELL: Final = 4
 
 _BYTES_PER_BOX: Final = 1000
 """Peak memory per such box, including its trees, bytes; 640 to 900 were measured."""
+
+
+class SurfaceTree(NamedTuple):
+    """A tree of the triangles of closed surfaces.
+
+    Attributes
+    ----------
+    boxes : ndarray of float64, shape (m, 6)
+        Center and half sides of the box of each node.
+    spans : ndarray of int64, shape (m, 2)
+        First triangle of each node, and their number; children as in :class:`cspace.exact.triangles.Trees`.
+    triangles : ndarray of float64, shape (n, 3, 3)
+    windings : ndarray of int64, shape (n,)
+        Multiplicity of each triangle.
+    """
+
+    boxes: Floats
+    spans: Ints
+    triangles: Floats
+    windings: Ints
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -123,10 +143,11 @@ class PosedShape:
         return self.transform(corners)[index[mesh.faces[counted]]], mesh._turns[counted]
 
     @cached_property
-    def surface_box(self) -> Floats:
-        """Lower and upper corner of the triangles of closed bodies, shape (6,)."""
-        corners, _ = self.surface
-        return np.concatenate([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+    def surface_tree(self) -> SurfaceTree:
+        """Tree of the triangles of closed bodies."""
+        corners, windings = self.surface
+        boxes, order, spans = build_boxes(corners.min(axis=1), corners.max(axis=1))
+        return SurfaceTree(boxes, spans, corners[order], windings[order])
 
     @cached_property
     def anchors(self) -> Floats:
