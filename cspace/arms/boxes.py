@@ -203,83 +203,41 @@ def prove_block(
             pending.center[number] = cells.lower[axis] + 0.5 * part * (block[axis] + block[axis + 3])
             # The box includes the rounding of queries.
             pending.halves[number] = 0.5 * part * (block[axis + 3] - block[axis]) + cells.spacing * SLACK
-    if open_pairs(scene, pending, row, row, scratch) == 0:
+    if open_pairs(scene, pending, row, scratch) == 0:
         return FREE, -1
     # Only small boxes leave triangles crossed, and the search for crossings is slow.
-    pair = blocked_pair(inside, pending, row, True, is_smallest, scratch) if may_be_blocked else -1
+    pair = blocked_pair(inside, pending, row, is_smallest, scratch) if may_be_blocked else -1
     return (BLOCKED, pair) if pair >= 0 else (MIXED, pending.pair_lists[row, 0])
-
-
-@kernel
-def corner_state(
-    scene: Scene,
-    inside: InnerScene,
-    cells: JointCells,
-    pending: PendingBlocks,
-    base: int,
-    corner: int,
-    scratch: SceneScratch,
-) -> tuple[int, int]:
-    """Return the state of a block's corner, 0 to 7, or center, -1.
-
-    Also returns a pair as :func:`prove_block`. The next row is overwritten.
-    """
-    block = pending.blocks[base]
-    for axis in range(3):
-        number = cells.joint_indices[axis]
-        if number >= 0:
-            low, high = block[axis], block[axis + 3]
-            twice = low + high if corner < 0 else 2 * high if (corner >> axis) & 1 else 2 * low
-            pending.center[number] = cells.lower[axis] + 0.5 * cells.spacing / cells.parts * twice
-            pending.halves[number] = 0.0
-    if open_pairs(scene, pending, base, base + 1, scratch) == 0:
-        return FREE, -1
-    pair = blocked_pair(inside, pending, base + 1, False, True, scratch)
-    return (BLOCKED, pair) if pair >= 0 else (MIXED, pending.pair_lists[base + 1, 0])
 
 
 @kernel
 def refine_cell(
     scene: Scene, inside: InnerScene, cells: JointCells, pending: PendingBlocks, base: int, scratch: SceneScratch
 ) -> tuple[int, int]:
-    """Return the state of a cell by its corners and parts, and a pair that keeps it MIXED or -1.
+    """Return the state of a cell by its parts, and a pair that keeps it MIXED or -1.
 
-    The cell is the pending block ``base``, and nothing is proven of it as a whole. A FREE point and a BLOCKED one show
-    that the cell is MIXED at any refinement, which ends most cells at the border.
+    The cell is the pending block ``base``, and nothing is proven of it as a whole.
     """
-    has_free = has_blocked = False
-    pair = pending.pair_lists[base, 0]
-    if cells.parts == 1:
-        return MIXED, pair
-    for corner in range(-1, 8):
-        is_new = True  # axes without a joint have no second corner
-        for axis in range(3):
-            is_new = is_new and not (corner > 0 and (corner >> axis) & 1 and cells.joint_indices[axis] < 0)
-        if is_new:
-            state, touching = corner_state(scene, inside, cells, pending, base, corner, scratch)
-            has_free = has_free or state == FREE
-            if state == BLOCKED:
-                has_blocked, pair = True, touching
-            if has_free and has_blocked:
-                return MIXED, pair
+    has_free, blocking = False, -1
     copy_block(pending, base, base + 1)
-    top, state, touching = base + 1, MIXED, pending.pair_lists[base, 0]
+    top, state, pair = base + 1, MIXED, pending.pair_lists[base, 0]
     while True:
         if state == MIXED:
             axis = longest_axis(cells, pending.blocks[top], 1)
             if axis < 0:
-                return MIXED, pair if has_blocked else touching
+                return MIXED, blocking if blocking >= 0 else pair
             halve_block(pending, top, axis, 1)
             top += 2
         if top == base + 1:
             return (FREE if has_free else BLOCKED), -1
         top -= 1
-        state, touching = prove_block(scene, inside, cells, pending, top, not has_free, scratch)
-        has_free = has_free or state == FREE
-        if state == BLOCKED:
-            has_blocked, pair = True, touching
-        if has_free and has_blocked:
-            return MIXED, pair
+        state, pair = prove_block(scene, inside, cells, pending, top, not has_free, scratch)
+        if state == FREE:
+            has_free = True
+        elif state == BLOCKED:
+            blocking = pair
+        if has_free and blocking >= 0:
+            return MIXED, blocking
 
 
 @kernel
@@ -326,8 +284,8 @@ def longest_axis(cells: JointCells, block: Ints, parts: int) -> int:
 
 
 @kernel
-def open_pairs(scene: Scene, pending: PendingBlocks, row: int, target: int, scratch: SceneScratch) -> int:
-    """Copy the pairs of a pending block that may touch in the current box to another row; return their number.
+def open_pairs(scene: Scene, pending: PendingBlocks, row: int, scratch: SceneScratch) -> int:
+    """Drop the pairs of a pending block that are apart in the current box; return the number of those left.
 
     The proof compares the distance of the boundaries at the center with the displacement in the box.
     """
@@ -341,9 +299,9 @@ def open_pairs(scene: Scene, pending: PendingBlocks, row: int, target: int, scra
         if pair_slack(scene, pair, JOINTS_ONLY, scratch.axes[:moved], required, 0.0, scratch) < 0.0 or is_nested(
             scene, pair, scratch, -1.0
         ):
-            pending.pair_lists[target, count] = pair
+            pending.pair_lists[row, count] = pair
             count += 1
-    pending.counts[target] = count
+    pending.counts[row] = count
     return count
 
 
@@ -376,23 +334,22 @@ def box_axes(chain: Chain, a: int, b: int, halves: Floats, required: float, scra
 
 @kernel
 def blocked_pair(
-    inside: InnerScene, pending: PendingBlocks, row: int, with_balls: bool, with_crossings: bool, scratch: SceneScratch
+    inside: InnerScene, pending: PendingBlocks, row: int, with_crossings: bool, scratch: SceneScratch
 ) -> int:
     """Return an open pair proven BLOCKED in the current box, or -1.
 
-    The poses must be those of the center of the box. The kinds of proofs that are tried are chosen.
+    The poses must be those of the center of the box. Triangles that cross are sought only ``with_crossings``.
     """
     scene = inside.scene
     bodies, required = scene.solids.bodies, required_distance(scene, pending.center, pending.center)
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
-        if with_balls:
-            count = box_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
-            if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
-                return int(pair)
+        count = box_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
+        if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
+            return int(pair)
         count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
-        if with_balls and ball_collides(inside, i, j, scratch.axes[:count], required, scratch):
+        if ball_collides(inside, i, j, scratch.axes[:count], required, scratch):
             return int(pair)
         if with_crossings and boundaries_cross(scene, pair, scratch.axes[:count], required, scratch):
             return int(pair)
