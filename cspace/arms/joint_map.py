@@ -27,10 +27,11 @@ from cspace.arms.boxes import (
     surface_depths,
 )
 from cspace.arms.chain import FIXED, REVOLUTE
+from cspace.arms.model import Arm
 from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair_distances
 from cspace.arms.solids import SurfaceTree
 from cspace.arms.space import ArmSpace
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.check import check_finite, check_positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
@@ -127,17 +128,7 @@ def build_joint_map(
     """
     space = copy.copy(space)  # changes of the given space do not change this copy
     side, arm = check_positive(spacing, "spacing", "radians"), space.arm
-    names = arm.joints if joints is None else tuple(joints)
-    for name in names:
-        if name not in arm.joints:
-            rule = f"there are {', '.join(arm.joints)}"
-            raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
-        if name in Rotations._all_names() or name.split() != [name]:
-            rule = f"axis names have no blanks and differ from {', '.join(Rotations._all_names())}"
-            raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
-    if len(names) not in (2, 3) or len(set(names)) < len(names):
-        rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
-        raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
+    names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
     held = _held_configuration(space, names, held_joints)
     intervals = np.array([_joint_range(space, name, limits) for name in names])
@@ -154,32 +145,7 @@ def build_joint_map(
     moving = _moving_pairs(space, joint_indices)
     _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
 
-    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._snapshot.inner.solids)
-    parts, work = list[CellStates](), []
-    for moved in np.unique(moving[moving.any(axis=1)], axis=0):
-        chosen = (moving == moved).all(axis=1)
-        scene = space._outer_scene.select_pairs(chosen)
-        inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
-        # Along joints that do not move these pairs, one cell represents all.
-        sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
-        parts.append(CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16)))
-        starts = (
-            _BLOCK_CELLS_PER_AXIS * np.indices(tuple((-(-sides // _BLOCK_CELLS_PER_AXIS)).tolist())).reshape(3, -1).T
-        )
-        blocks = np.concatenate([starts, np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)], axis=1)
-        work += [
-            partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), parts[-1])
-            for block in np.ascontiguousarray(blocks)
-        ]
-    tell = None if progress is None else lambda done: progress(done, len(work))
-    in_threads(lambda task: task(), work, workers or cores(), tell)
-    # A cell is FREE if all pairs are, and BLOCKED if one pair is.
-    states, deciding_pairs = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int16)
-    for part in parts:
-        part_states, pairs = (each.reshape(each.shape[3 - len(shape) :]) for each in part)
-        np.copyto(deciding_pairs, pairs, where=part_states > states)
-        np.maximum(states, part_states, out=states)
-    deciding_pairs[states != MIXED] = -1
+    states, deciding_pairs = _classify_cells(space, grid, joint_indices, held, moving, workers or cores(), progress)
     for axis, (low, high) in enumerate(zip(grid.lower, joint_limits[:, 1].tolist(), strict=True)):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
             last = np.moveaxis(states, axis, 0)[-1]
@@ -195,6 +161,61 @@ def build_joint_map(
     exterior = _make_exterior(grid, intervals, joint_limits)
     contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
     return JointMap(contents, geometry)
+
+
+def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of two or three joints."""
+    names = arm.joints if joints is None else tuple(joints)
+    for name in names:
+        if name not in arm.joints:
+            rule = f"there are {', '.join(arm.joints)}"
+            raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
+        if name in Rotations._all_names() or name.split() != [name]:
+            rule = f"axis names have no blanks and differ from {', '.join(Rotations._all_names())}"
+            raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
+    if len(names) not in (2, 3) or len(set(names)) < len(names):
+        rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
+        raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
+    return names
+
+
+def _classify_cells(
+    space: ArmSpace,
+    grid: Grid,
+    joint_indices: Ints,
+    held: Floats,
+    moving: Bools,
+    workers: int,
+    progress: Progress | None,
+) -> tuple[States, NDArray[np.int16]]:
+    """Return the states of all cells, and a pair that keeps each MIXED cell so, -1 for other cells.
+
+    ``moving`` says which joints move which pairs. Along joints that do not move some pairs, one cell represents all.
+    """
+    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._snapshot.inner.solids)
+    shape, added = grid.shape, [1] * (3 - grid.dim)
+    parts, work = list[CellStates](), []
+    for moved in np.unique(moving[moving.any(axis=1)], axis=0):
+        chosen = (moving == moved).all(axis=1)
+        scene = space._outer_scene.select_pairs(chosen)
+        inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
+        sides = np.array([*added, *np.where(moved, shape, 1)])
+        part = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
+        parts.append(part)
+        counts = -(-sides // _BLOCK_CELLS_PER_AXIS)
+        for start in _BLOCK_CELLS_PER_AXIS * np.indices(tuple(counts.tolist())).reshape(3, -1).T:
+            block = np.concatenate([start, np.minimum(start + _BLOCK_CELLS_PER_AXIS, sides)])
+            work.append(partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), part))
+    tell = None if progress is None else lambda done: progress(done, len(work))
+    in_threads(lambda task: task(), work, workers, tell)
+    # A cell is FREE if all pairs are, and BLOCKED if one pair is.
+    states, deciding_pairs = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int16)
+    for part in parts:
+        part_states, pairs = (each.reshape(each.shape[3 - grid.dim :]) for each in part)
+        np.copyto(deciding_pairs, pairs, where=part_states > states)
+        np.maximum(states, part_states, out=states)
+    deciding_pairs[states != MIXED] = -1
+    return states, deciding_pairs
 
 
 class JointMap(CSpace):

@@ -7,7 +7,7 @@ import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
-from typing import ClassVar, Final, NamedTuple, cast
+from typing import Final, NamedTuple, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -75,7 +75,6 @@ class PosedShape:
 
     shape: Shape
     pose: Floats
-    is_filled: ClassVar[bool] = False
 
     def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
         object.__setattr__(self, "shape", as_shape(shape))
@@ -90,6 +89,11 @@ class PosedShape:
         outer, inner = self.shape.outer, self.shape.inner
         placed = replace(self, shape=outer)
         return placed, placed if inner is outer else replace(self, shape=inner)
+
+    @cached_property
+    def is_filled(self) -> bool:
+        """Whether the rows of the tree are solids; those of a moving shape are triangles."""
+        return False
 
     @property
     def _exact(self) -> ExactShape:
@@ -108,18 +112,11 @@ class PosedShape:
         simplices, radii = self._exact.boundary()
         return as_triangles([RoundedSimplices(self.transform(simplices), radii)])
 
-    @property
-    def rows(self) -> tuple[Floats, Floats]:
-        """Boundary as rows of a tree, and their levers.
-
-        Rows have shape (n, 10); levers are about the origin.
-        """
-        return pack_triangles(self.boundary), np.linalg.norm(self.boundary.simplices, axis=-1).max(axis=1)
-
     @cached_property
     def tree(self) -> Trees:
-        """Tree of the rows."""
-        return build_tree(*self.rows)
+        """Tree of the triangles of the boundary."""
+        rows = pack_triangles(self.boundary)
+        return build_tree(rows, np.zeros(len(rows)))
 
     @cached_property
     def hulls(self) -> Hulls:
@@ -184,21 +181,21 @@ class StaticShape(PosedShape):
     reach: float
 
     @cached_property
-    def is_filled(self) -> bool:  # type: ignore[override]
-        """True if the rows are solids."""
+    def is_filled(self) -> bool:
+        """True if the rows of the tree are solids."""
         return self._exact.is_boxes or self._exact.boundary().simplices.shape[1] == 1
 
-    @property
-    def rows(self) -> tuple[Floats, Floats]:
-        """Rows of a tree, and 1 or 0 each.
+    @cached_property
+    def tree(self) -> Trees:
+        """Tree of boxes, of balls, or of the triangles of the boundary.
 
-        1 means that the row could lie entirely inside a link.
+        The lever of a box or ball is 1 if its connected part is small enough to lie inside a link, otherwise 0.
         """
         if self._exact.is_boxes:
             lows, highs, sizes = self._exact.boxes
-            return pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
+            return build_tree(pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64))
         rows = pack_triangles(self.boundary)
-        return rows, np.full(len(rows), float(self.is_filled))
+        return build_tree(rows, np.full(len(rows), float(self.is_filled)))
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
