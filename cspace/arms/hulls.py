@@ -5,10 +5,10 @@ a radius: whole parts and their large pieces, with enough corners to show their 
 single triangles. A convex part, such as a box or a cylinder, is one node.
 
 *Bound.* For any vector n, the distance of two sets is at least the gap between their projections onto a line along n.
-The projection of a hull is the projection of its corners, grown by its radius. The bound holds for every n, such as
-the vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D.
-W. Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional
-space", 1988).
+The projection of a hull is the projection of its corners, grown by its radius. The bound holds for every n, such as the
+vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D. W. Johnson
+and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional space",
+1988).
 
 *Motions.* As seen from the other body, a point p of a body moves at the velocity ``v + w x p``, whose component along n
 is ``n.v + (n x w).p``. Let h be the time to either side, and let ``curvature_bound`` be half the square of h times a
