@@ -443,14 +443,10 @@ def hull_slack(
             best = max(best, gap - speed)
             # Along n the motion may be shorter than ``speed``.
             if best <= enough and gap - motion.curvature_bound > enough and half_time > 0.0:
-                tilt, along = scale_vector(cross(n, motion.spin), half_time), half_time * dot(n, motion.velocity)
-                for sign in (1.0, -1.0):
-                    m = (n[0] + sign * tilt[0], n[1] + sign * tilt[1], n[2] + sign * tilt[2])
-                    _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
-                    gap_m = -low - top - dot(m, motion.position) - sign * along
-                    gap_along = min(gap_along, gap_m)
-                best = max(best, gap_along - required - motion.curvature_bound)
-                gap_along = gap + required
+                least = min(
+                    gap_along, moved_gap(hulls, a, motion, n, low, 1.0), moved_gap(hulls, a, motion, n, low, -1.0)
+                )
+                best = max(best, least - required - motion.curvature_bound)
             if best > enough:
                 break
         # The distance is at least any gap between projections, and at most the length of the vector found.
@@ -469,6 +465,18 @@ def hull_slack(
         if count == 4 or not length < before:
             break
     return best, gap > 0.0
+
+
+@kernel
+def moved_gap(hulls: Hulls, a: int, motion: RelativeMotion, n: Row, low: float, sign: float) -> float:
+    """Return the gap along n at an end of the linear motion: the last for ``sign`` 1, the first for -1.
+
+    ``low`` is the coordinate of the second hull along -n.
+    """
+    step = sign * motion.half_time
+    m = add_scaled(n, cross(n, motion.spin), step)
+    _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
+    return -low - top - dot(m, motion.position) - step * dot(n, motion.velocity)
 
 
 @kernel

@@ -457,43 +457,12 @@ def _parse_pose_goals(
     """Return the goals of a position and an orientation constraint."""
     links, rotation, angle = list[str](), np.eye(3), math.inf
     for item in orientations:
-        here = f"orientation_constraints of {place}"
-        names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
-        entry = check_table(item, here, ("header", "orientation", "link_name", *names, "parameterization", "weight"))
-        frames[parse_frame(entry, here)] = None
-        links.append(_parse_link(entry, here))
-        rotation = parse_pose({"orientation": entry.get("orientation")}, here)[:3, :3]
-        # MoveIt takes the tolerances as absolute.
-        tolerance = min(abs(parse_number(entry.get(name), f"{name} of {here}", 0.0)) for name in names)
-        if not tolerance > 0.0:
-            problem = f"has a tolerance of zero at {here}"
-            raise ContentError(problem, "no computed pose would be within it", "make it larger, e.g. 1e-3")
-        angle = math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
+        link, rotation, angle = _parse_orientation(item, f"orientation_constraints of {place}", frames)
+        links.append(link)
     centers = [(np.zeros(3), math.inf)]
     for item in positions:
-        here = f"position_constraints of {place}"
-        entry = check_table(item, here, ("header", "link_name", "target_point_offset", "constraint_region", "weight"))
-        frames[parse_frame(entry, here)] = None
-        links.append(_parse_link(entry, here))
-        offset = np.zeros(3)
-        if entry.get("target_point_offset") is not None:
-            offset = parse_numbers(entry["target_point_offset"], 3, f"target_point_offset of {here}")
-        if offset.any() and math.isinf(angle):
-            problem = f"has a target_point_offset without orientation at {here}"
-            raise ContentError(problem, "a pose goal is for the origin of a link", "add the orientation")
-        region = check_table(
-            entry.get("constraint_region"),
-            f"constraint_region of {here}",
-            ("primitives", "primitive_poses", "meshes", "mesh_poses"),
-        )
-        # Within the angle, the offset point moves by at most this.
-        sway = 2.0 * float(np.linalg.norm(offset)) * math.sin(0.5 * min(angle, math.pi))
-        centers = [
-            (center - rotation @ offset, radius - sway) for center, radius in _parse_region(region, f"region of {here}")
-        ]
-        if min(radius for _, radius in centers) <= 0.0:
-            problem = f"has a target_point_offset at {here} that sways {sway:.3g} m within the orientation's tolerance"
-            raise ContentError(problem, "the region must be larger", "tighten the orientation, or widen the region")
+        link, centers = _parse_position(item, f"position_constraints of {place}", rotation, angle, frames)
+        links.append(link)
     if len(set(links)) > 1:
         problem = f"constrains {' and '.join(map(repr, links))} at {place}"
         raise ContentError(problem, "a goal is for one link", "remove one")
@@ -501,6 +470,49 @@ def _parse_pose_goals(
         raise ContentError(f"has tolerances beyond half a turn at {place}", "then any pose would do", "tighten them")
     poses = [(np.block([[rotation, center[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), r) for center, r in centers]
     return [PoseGoal(links[0], pose, (radius, angle)) for pose, radius in poses]
+
+
+def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[str, Floats, float]:
+    """Return the link, the rotation and the largest angle of an orientation constraint."""
+    names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
+    entry = check_table(item, place, ("header", "orientation", "link_name", *names, "parameterization", "weight"))
+    frames[parse_frame(entry, place)] = None
+    link = _parse_link(entry, place)
+    rotation = parse_pose({"orientation": entry.get("orientation")}, place)[:3, :3]
+    # MoveIt takes the tolerances as absolute.
+    tolerance = min(abs(parse_number(entry.get(name), f"{name} of {place}", 0.0)) for name in names)
+    if not tolerance > 0.0:
+        problem = f"has a tolerance of zero at {place}"
+        raise ContentError(problem, "no computed pose would be within it", "make it larger, e.g. 1e-3")
+    return link, rotation, math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
+
+
+def _parse_position(
+    item: Any, place: str, rotation: Floats, angle: float, frames: dict[str, None]
+) -> tuple[str, list[tuple[Floats, float]]]:
+    """Return the link of a position constraint, and a center and radius for each shape of its region.
+
+    They are those of the link's origin, at a rotation up to an angle.
+    """
+    entry = check_table(item, place, ("header", "link_name", "target_point_offset", "constraint_region", "weight"))
+    frames[parse_frame(entry, place)] = None
+    link = _parse_link(entry, place)
+    offset = np.zeros(3)
+    if entry.get("target_point_offset") is not None:
+        offset = parse_numbers(entry["target_point_offset"], 3, f"target_point_offset of {place}")
+    if offset.any() and math.isinf(angle):
+        problem = f"has a target_point_offset without orientation at {place}"
+        raise ContentError(problem, "a pose goal is for the origin of a link", "add the orientation")
+    fields = "primitives", "primitive_poses", "meshes", "mesh_poses"
+    region = check_table(entry.get("constraint_region"), f"constraint_region of {place}", fields)
+    # Within the angle, the offset point moves by at most this.
+    sway = 2.0 * float(np.linalg.norm(offset)) * math.sin(0.5 * min(angle, math.pi))
+    balls = _parse_region(region, f"region of {place}")
+    centers = [(center - rotation @ offset, radius - sway) for center, radius in balls]
+    if min(radius for _, radius in centers) <= 0.0:
+        problem = f"has a target_point_offset at {place} that sways {sway:.3g} m within the orientation's tolerance"
+        raise ContentError(problem, "the region must be larger", "tighten the orientation, or widen the region")
+    return link, centers
 
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
