@@ -219,7 +219,7 @@ class CSpace(ConfigurationMap, MapExport):
             "memory_bytes": states.nbytes + (0 if counts is None else counts.nbytes),
         }
 
-    def __reduce__(self) -> tuple[type[CSpace], tuple[Contents, None, ObstacleLayers | None]]:
+    def __reduce__(self) -> tuple[type[CSpace], tuple[Any, ...]]:
         """Copy or pickle the contents of the map, without caches and locks."""
         with self._lock:  # an update waits
             layers = None if self._layers is None else self._layers.copy()
@@ -941,9 +941,9 @@ class CSpace(ConfigurationMap, MapExport):
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop all data that depend on the cells, and take over the workspace of an update."""
         contents, self._layers = self._contents, layers
-        if contents.workspace is not workspace or contents.prove is not None:
-            # Overlap counts, and the arm of a joint map, belong to the obstacles before the update.
-            self._contents = replace(contents, workspace=workspace, overlap_counts=None, prove=None)
+        if contents.workspace is not workspace:
+            # Overlap counts belong to the obstacles before the update.
+            self._contents = replace(contents, workspace=workspace, overlap_counts=None)
         derived.drop(self)
         # Checkers of planners hold these two objects.
         for part in ("_distances", "_exact"):
@@ -1008,10 +1008,8 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the input of exact queries."""
         from cspace.exact.boundaries import Problem
 
-        exterior_blocked, prove = self.outside != "free", self._contents.prove
-        return Problem(
-            self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked, prove
-        )
+        exterior_blocked = self.outside != "free"
+        return Problem(self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked)
 
     @derived
     def _components(self) -> Components:

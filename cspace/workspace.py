@@ -642,10 +642,8 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Read the obstacles of a MoveIt planning scene.
 
-        Boxes, spheres, cylinders, cones, meshes and planes are read, in the frame to which ``fixed_frame_transforms``
-        lead from the frames of their headers; it must be one. An object replaces an earlier one of its id, as in
-        MoveIt. Cylinders and cones lie between two polyhedra, as :meth:`cspace.Robot.cylinder` does. A plane is a
-        surface without an inside and ends where the bounds do.
+        Boxes, spheres, cylinders, cones and meshes of collision objects are read; all objects must be in one frame,
+        the planning frame. Cylinders and cones lie between two polyhedra, as :meth:`cspace.Robot.cylinder` does.
 
         Parameters
         ----------
@@ -654,15 +652,15 @@ class Workspace(WorkspacePlot):
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
-            As for :meth:`from_mesh`; needed if the scene has planes.
+            As for :meth:`from_mesh`.
         package_dirs : path-like, or sequence of path-like
             Folders that hold the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 
         Raises
         ------
         FileError
-            If the file is missing or malformed, holds an OctoMap, a primitive of another type or an unknown field, only
-            changes another scene, or would be read differently by MoveIt, e.g. if it appends to an object.
+            If the file is missing or malformed, only changes another scene, or holds anything else: an OctoMap, a
+            plane, a subframe, a transform, a padded link, a primitive of another type, or an unknown field.
         GeometryError
             If a mesh has no triangle, or there is no shape at all.
         InputError
@@ -676,10 +674,7 @@ class Workspace(WorkspacePlot):
 
         check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
-        # The grid may exceed the bounds by a cell on each axis.
-        ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0) + 2.0 * spacing)))
-        shapes = [part.moved() for part in read_scene_shapes(path, ball, package_dirs)]
-        return cls._of_shapes(shapes, spacing, box, str(path), "planning scene")
+        return cls._of_shapes(read_scene_shapes(path, package_dirs), spacing, box, str(path), "planning scene")
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:

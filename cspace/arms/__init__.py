@@ -1,7 +1,7 @@
 """Arms: robots with joints, whose configurations and motions are proven free of collisions."""
 
 from cspace.arms.inverse import PoseGoal
-from cspace.arms.joint_map import build_joint_map, undecided_pairs
+from cspace.arms.joint_map import JointMap, build_joint_map, undecided_pairs
 from cspace.arms.lines import LineMotion
 from cspace.arms.model import Arm, JointValues
 from cspace.arms.moveit import (
@@ -24,6 +24,7 @@ __all__ = [
     "AttachedObject",
     "Contact",
     "JointGoal",
+    "JointMap",
     "JointValues",
     "LineMotion",
     "MotionPlanRequest",

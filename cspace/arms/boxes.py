@@ -29,24 +29,23 @@ from cspace.arms.proofs import (
     SceneScratch,
     Solids,
     boundaries_cross,
+    encloses,
     is_nested,
+    nearest_triangle,
     pair_slack,
     required_distance,
+    winding_number,
 )
+from cspace.arms.solids import SurfaceTree
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR
-from cspace.exact.triangles import build_boxes, read_box
+from cspace.exact.triangles import read_box
 from cspace.grid import SLACK
-from cspace.kernels import THIN, apply_pose, box_distance, dot, minus, point_triangle, rotate, rotate_back, row_at
-from cspace.raster.surfaces import signed_crossing
+from cspace.kernels import THIN, apply_pose, dot, minus, rotate, rotate_back, row_at
 
 MAX_PENDING_BLOCKS: Final = 128
 """Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their parts, and some spare."""
-
-
-TREE_ROUNDING: Final = 2.0**-40
-"""Growth of boxes of a tree against rounding, relative to the size of the surface."""
 
 
 JOINTS_ONLY: Final = (0.0, 0.0, math.inf)
@@ -79,46 +78,8 @@ class JointCells(NamedTuple):
     parts: int
 
 
-class SurfaceTrees(NamedTuple):
-    """Trees of the triangles of closed surfaces.
-
-    Attributes
-    ----------
-    boxes : ndarray of float64, shape (m, 6)
-        Center and half sides of the box of each node.
-    spans : ndarray of int64, shape (m, 2)
-        Index in ``order`` of the first triangle of each node, and their number; children as in
-        :class:`cspace.exact.triangles.Trees`.
-    order : ndarray of int64, shape (n,)
-        Indices of triangles.
-    roots : ndarray of int64, shape (h,)
-        Root of each surface.
-    """
-
-    boxes: Floats
-    spans: Ints
-    order: Ints
-    roots: Ints
-
-
-def build_surface_trees(solids: Solids) -> SurfaceTrees:
-    """Build a tree of each closed surface."""
-    boxes, spans, order, roots = [np.empty((0, 6))], [np.empty((0, 2), dtype=np.int64)], list[Ints](), list[int]()
-    nodes = rows = 0
-    for start, stop in solids.surface_spans.tolist():
-        corners = solids.triangles[start:stop]
-        box, ranks, span = build_boxes(corners.min(axis=1), corners.max(axis=1))
-        boxes.append(box)
-        spans.append(span + np.array([rows, 0]))
-        order.append(start + ranks)
-        roots.append(nodes)
-        nodes, rows = nodes + len(box), rows + len(ranks)
-    every = np.concatenate([np.empty(0, dtype=np.int64), *order])
-    return SurfaceTrees(np.concatenate(boxes), np.concatenate(spans), every, np.array(roots, dtype=np.int64))
-
-
 class InnerBalls(NamedTuple):
-    """Balls inside solids, and trees of closed surfaces.
+    """Balls inside solids.
 
     Attributes
     ----------
@@ -129,14 +90,12 @@ class InnerBalls(NamedTuple):
         First ball of each solid.
     deepest : ndarray of float64, shape (s,)
         Approximate largest depth of a point in each solid.
-    trees : SurfaceTrees
     """
 
     centers: Floats
     radii: Floats
     starts: Ints
     deepest: Floats
-    trees: SurfaceTrees
 
 
 class PendingBlocks(NamedTuple):
@@ -244,83 +203,41 @@ def prove_block(
             pending.center[number] = cells.lower[axis] + 0.5 * part * (block[axis] + block[axis + 3])
             # The box includes the rounding of queries.
             pending.halves[number] = 0.5 * part * (block[axis + 3] - block[axis]) + cells.spacing * SLACK
-    if open_pairs(scene, pending, row, row, scratch) == 0:
+    if open_pairs(scene, pending, row, scratch) == 0:
         return FREE, -1
     # Only small boxes leave triangles crossed, and the search for crossings is slow.
-    pair = blocked_pair(inside, pending, row, True, is_smallest, scratch) if may_be_blocked else -1
+    pair = blocked_pair(inside, pending, row, is_smallest, scratch) if may_be_blocked else -1
     return (BLOCKED, pair) if pair >= 0 else (MIXED, pending.pair_lists[row, 0])
-
-
-@kernel
-def corner_state(
-    scene: Scene,
-    inside: InnerScene,
-    cells: JointCells,
-    pending: PendingBlocks,
-    base: int,
-    corner: int,
-    scratch: SceneScratch,
-) -> tuple[int, int]:
-    """Return the state of a block's corner, 0 to 7, or center, -1.
-
-    Also returns a pair as :func:`prove_block`. The next row is overwritten.
-    """
-    block = pending.blocks[base]
-    for axis in range(3):
-        number = cells.joint_indices[axis]
-        if number >= 0:
-            low, high = block[axis], block[axis + 3]
-            twice = low + high if corner < 0 else 2 * high if (corner >> axis) & 1 else 2 * low
-            pending.center[number] = cells.lower[axis] + 0.5 * cells.spacing / cells.parts * twice
-            pending.halves[number] = 0.0
-    if open_pairs(scene, pending, base, base + 1, scratch) == 0:
-        return FREE, -1
-    pair = blocked_pair(inside, pending, base + 1, False, True, scratch)
-    return (BLOCKED, pair) if pair >= 0 else (MIXED, pending.pair_lists[base + 1, 0])
 
 
 @kernel
 def refine_cell(
     scene: Scene, inside: InnerScene, cells: JointCells, pending: PendingBlocks, base: int, scratch: SceneScratch
 ) -> tuple[int, int]:
-    """Return the state of a cell by its corners and parts, and a pair that keeps it MIXED or -1.
+    """Return the state of a cell by its parts, and a pair that keeps it MIXED or -1.
 
-    The cell is the pending block ``base``, and nothing is proven of it as a whole. A FREE point and a BLOCKED one show
-    that the cell is MIXED at any refinement, which ends most cells at the border.
+    The cell is the pending block ``base``, and nothing is proven of it as a whole.
     """
-    has_free = has_blocked = False
-    pair = pending.pair_lists[base, 0]
-    if cells.parts == 1:
-        return MIXED, pair
-    for corner in range(-1, 8):
-        is_new = True  # axes without a joint have no second corner
-        for axis in range(3):
-            is_new = is_new and not (corner > 0 and (corner >> axis) & 1 and cells.joint_indices[axis] < 0)
-        if is_new:
-            state, touching = corner_state(scene, inside, cells, pending, base, corner, scratch)
-            has_free = has_free or state == FREE
-            if state == BLOCKED:
-                has_blocked, pair = True, touching
-            if has_free and has_blocked:
-                return MIXED, pair
+    has_free, blocking = False, -1
     copy_block(pending, base, base + 1)
-    top, state, touching = base + 1, MIXED, pending.pair_lists[base, 0]
+    top, state, pair = base + 1, MIXED, pending.pair_lists[base, 0]
     while True:
         if state == MIXED:
             axis = longest_axis(cells, pending.blocks[top], 1)
             if axis < 0:
-                return MIXED, pair if has_blocked else touching
+                return MIXED, blocking if blocking >= 0 else pair
             halve_block(pending, top, axis, 1)
             top += 2
         if top == base + 1:
             return (FREE if has_free else BLOCKED), -1
         top -= 1
-        state, touching = prove_block(scene, inside, cells, pending, top, not has_free, scratch)
-        has_free = has_free or state == FREE
-        if state == BLOCKED:
-            has_blocked, pair = True, touching
-        if has_free and has_blocked:
-            return MIXED, pair
+        state, pair = prove_block(scene, inside, cells, pending, top, not has_free, scratch)
+        if state == FREE:
+            has_free = True
+        elif state == BLOCKED:
+            blocking = pair
+        if has_free and blocking >= 0:
+            return MIXED, blocking
 
 
 @kernel
@@ -367,8 +284,8 @@ def longest_axis(cells: JointCells, block: Ints, parts: int) -> int:
 
 
 @kernel
-def open_pairs(scene: Scene, pending: PendingBlocks, row: int, target: int, scratch: SceneScratch) -> int:
-    """Copy the pairs of a pending block that may touch in the current box to another row; return their number.
+def open_pairs(scene: Scene, pending: PendingBlocks, row: int, scratch: SceneScratch) -> int:
+    """Drop the pairs of a pending block that are apart in the current box; return the number of those left.
 
     The proof compares the distance of the boundaries at the center with the displacement in the box.
     """
@@ -382,9 +299,9 @@ def open_pairs(scene: Scene, pending: PendingBlocks, row: int, target: int, scra
         if pair_slack(scene, pair, JOINTS_ONLY, scratch.axes[:moved], required, 0.0, scratch) < 0.0 or is_nested(
             scene, pair, scratch, -1.0
         ):
-            pending.pair_lists[target, count] = pair
+            pending.pair_lists[row, count] = pair
             count += 1
-    pending.counts[target] = count
+    pending.counts[row] = count
     return count
 
 
@@ -417,23 +334,22 @@ def box_axes(chain: Chain, a: int, b: int, halves: Floats, required: float, scra
 
 @kernel
 def blocked_pair(
-    inside: InnerScene, pending: PendingBlocks, row: int, with_balls: bool, with_crossings: bool, scratch: SceneScratch
+    inside: InnerScene, pending: PendingBlocks, row: int, with_crossings: bool, scratch: SceneScratch
 ) -> int:
     """Return an open pair proven BLOCKED in the current box, or -1.
 
-    The poses must be those of the center of the box. The kinds of proofs that are tried are chosen.
+    The poses must be those of the center of the box. Triangles that cross are sought only ``with_crossings``.
     """
     scene = inside.scene
     bodies, required = scene.solids.bodies, required_distance(scene, pending.center, pending.center)
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
-        if with_balls:
-            count = box_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
-            if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
-                return int(pair)
+        count = box_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
+        if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
+            return int(pair)
         count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
-        if with_balls and ball_collides(inside, i, j, scratch.axes[:count], required, scratch):
+        if ball_collides(inside, i, j, scratch.axes[:count], required, scratch):
             return int(pair)
         if with_crossings and boundaries_cross(scene, pair, scratch.axes[:count], required, scratch):
             return int(pair)
@@ -458,13 +374,12 @@ def ball_collides(inside: InnerScene, i: int, j: int, axes: Floats, required: fl
         if solids.has_solids[j] and reaches_piece(solids, j, point, rest, scratch):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
-            whole = solids.boxes[surface]
+            root = solids.surface_roots[surface]
+            whole = solids.surfaces.boxes[root]
             # A point is no deeper in a surface than in its box, which decides for most balls.
-            if min(x - whole[0], whole[3] - x) + rest <= 0.0 or min(y - whole[1], whole[4] - y) + rest <= 0.0:
+            if abs(x - whole[0]) >= whole[3] + rest or abs(y - whole[1]) >= whole[4] + rest:
                 continue
-            if min(z - whole[2], whole[5] - z) + rest <= 0.0:
-                continue
-            if lies_deep(solids, balls.trees, surface, point, -rest, scratch.nodes):
+            if abs(z - whole[2]) < whole[5] + rest and lies_deep(solids.surfaces, root, point, -rest, scratch.nodes):
                 return True
     return False
 
@@ -513,83 +428,26 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 
 @kernel
-def lies_deep(solids: Solids, trees: SurfaceTrees, surface: int, point: Row, min_depth: float, nodes: Ints) -> bool:
+def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
     """Return True if a point is deeper than ``min_depth`` in a surface.
 
     A negative ``min_depth`` allows a point outside, nearer to the surface than that. ``nodes`` is scratch, shape
     (MAX_PENDING_PAIRS, 2).
     """
-    box, reach = solids.boxes[surface], abs(min_depth)
-    if min_depth < 0.0:
-        # The distance from thin triangles may be too small.
-        size = box[3] - box[0] + box[4] - box[1] + box[5] - box[2]
-        reach = -min_depth - THIN * size
-        if reach > 0.0 and nearest_triangle(solids, trees, surface, point, reach, nodes) < reach:
-            return True
-    elif nearest_triangle(solids, trees, surface, point, reach, nodes) <= reach:
-        return False
-    return winding_number(solids, trees, surface, point, nodes) != 0
+    if min_depth >= 0.0:
+        return encloses(surfaces, root, point, min_depth, nodes)
+    # The distance from thin triangles may be too small.
+    box = surfaces.boxes[root]
+    reach = -min_depth - THIN * 2.0 * (box[3] + box[4] + box[5])
+    if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
+        return True
+    return winding_number(surfaces, root, point, nodes) != 0
 
 
 @kernel
-def winding_number(solids: Solids, trees: SurfaceTrees, surface: int, point: Row, nodes: Ints) -> int:
-    """Return how often a closed surface winds around a point: the signed crossings of an upward ray."""
-    (x, y, z), box, winding = point, solids.boxes[surface], 0
-    if x < box[0] or x > box[3] or y < box[1] or y > box[4] or z > box[5]:
-        return 0
-    rounding = TREE_ROUNDING * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
-    nodes[1, 0], top = trees.roots[surface], 2
-    while top > 1:
-        top -= 1
-        b = nodes[top, 0]
-        around, (start, count) = trees.boxes[b], trees.spans[b]
-        # The ray crosses no triangle beside it or below its start.
-        if abs(x - around[0]) > around[3] + rounding or abs(y - around[1]) > around[4] + rounding:
-            continue
-        if z - around[2] > around[5] + rounding:
-            continue
-        if count == 1:
-            t = trees.order[start]
-            winding += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
-            continue
-        nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (count // 2)
-        top += 2
-    return winding
-
-
-@kernel
-def nearest_triangle(
-    solids: Solids, trees: SurfaceTrees, surface: int, point: Row, enough: float, nodes: Ints
-) -> float:
-    """Return a point's distance from the nearest triangle of a surface.
-
-    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be returned.
-    """
-    nodes[1, 0], top, nearest = trees.roots[surface], 2, np.inf
-    while top > 1:
-        top -= 1
-        b = nodes[top, 0]
-        # The larger boxes cover the rounding of boxes and distances.
-        if box_distance(trees.boxes[b], point) > min(enough, nearest) * (1.0 + TREE_ROUNDING):
-            continue
-        start, count = trees.spans[b]
-        if count == 1:
-            nearest = min(nearest, point_triangle(point, solids.triangles[trees.order[start]]))
-            if nearest < enough < np.inf:
-                break
-            continue
-        first, second = b + 1, b + 2 * (count // 2)
-        if box_distance(trees.boxes[first], point) < box_distance(trees.boxes[second], point):
-            first, second = second, first
-        nodes[top, 0], nodes[top + 1, 0] = first, second  # the nearer child comes first
-        top += 2
-    return nearest
-
-
-@kernel
-def surface_depths(solids: Solids, trees: SurfaceTrees, surface: int, points: Floats, out: Floats, nodes: Ints) -> None:
+def surface_depths(surfaces: SurfaceTree, root: int, points: Floats, out: Floats, nodes: Ints) -> None:
     """Compute depths of points, shape (n, 3); negative outside the surface."""
     for n in range(len(points)):
         point = row_at(points[n], 0)
-        depth = nearest_triangle(solids, trees, surface, point, np.inf, nodes)
-        out[n] = depth if winding_number(solids, trees, surface, point, nodes) != 0 else -depth
+        depth = nearest_triangle(surfaces, root, point, np.inf, nodes)
+        out[n] = depth if winding_number(surfaces, root, point, nodes) != 0 else -depth

@@ -32,7 +32,6 @@ from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
 from cspace.kernels import add_scaled, cross, dot, minus, rotate, row_at
 from cspace.map.batches import as_contiguous
-from cspace.threads import in_chunks
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -40,10 +39,6 @@ MAX_BODIES: Final = 64
 
 FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
 """Kinds of joints."""
-
-
-MIN_POSES_PER_THREAD: Final = 2000
-"""Configurations below which a second thread costs more than it saves."""
 
 
 class Chain(NamedTuple):
@@ -230,11 +225,5 @@ def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | None = None) -> 
     chosen = np.arange(len(chain.parents)) if bodies is None else np.array(bodies, dtype=np.int64)
     points = as_contiguous(q.reshape(-1, q.shape[-1]))
     poses = np.empty((len(points), len(chosen), 4, 4))
-
-    def place(start: int, stop: int) -> int:
-        scratch = np.empty((len(chain.parents), 3, 6))
-        place_bodies(chain, points[start:stop], chosen, scratch, poses[start:stop])
-        return -1
-
-    in_chunks(place, len(points), MIN_POSES_PER_THREAD)
+    place_bodies(chain, points, chosen, np.empty((len(chain.parents), 3, 6)), poses)
     return poses.reshape(*q.shape[:-1], len(chosen), 4, 4)

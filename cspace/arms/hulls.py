@@ -5,10 +5,10 @@ a radius: whole parts and their large pieces, with enough corners to show their 
 single triangles. A convex part, such as a box or a cylinder, is one node.
 
 *Bound.* For any vector n, the distance of two sets is at least the gap between their projections onto a line along n.
-The projection of a hull is the projection of its corners, grown by its radius. The bound holds for every n: the cached
-one, or the vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D.
-W. Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional
-space", 1988).
+The projection of a hull is the projection of its corners, grown by its radius. The bound holds for every n, such as the
+vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D. W. Johnson
+and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional space",
+1988).
 
 *Motions.* As seen from the other body, a point p of a body moves at the velocity ``v + w x p``, whose component along n
 is ``n.v + (n x w).p``. Let h be the time to either side, and let ``curvature_bound`` be half the square of h times a
@@ -71,10 +71,6 @@ HULL_ROUNDING: Final = 2.0**-37
 
 MAX_GJK_STEPS: Final = 40
 """Largest number of steps of the search for the nearest points of two hulls."""
-
-
-CACHED_DIRECTIONS: Final = 256
-"""Pairs of hulls whose separating direction is cached."""
 
 
 class Hulls(NamedTuple):
@@ -297,120 +293,106 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 @kernel
 def tree_slack(
-    hulls: Hulls,
-    one: int,
-    other: int,
-    motion: RelativeMotion,
-    axes: Floats,
-    enough: float,
-    scratch: Ints,
-    directions: Floats,
+    hulls: Hulls, one: int, other: int, motion: RelativeMotion, axes: Floats, enough: float, scratch: Ints
 ) -> float:
     """Return a lower bound of (distance - required distance) between trees.
 
     The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For a box of
     configurations, ``axes`` are the joints that move the first tree (:func:`joint_displacement`); a motion has none,
-    and for a box the motion has ``half_time`` 0. The result is negative
-    if a pair of nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That pair
-    becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2), and is tested first the next time. Row 1 then starts
-    with 1 if pieces of connected parts were proven apart separately. ``directions``, shape (CACHED_DIRECTIONS, 4),
-    caches separating directions.
+    and for a box the motion has ``half_time`` 0. The result is negative if a pair of nodes is not proven to stay apart,
+    and -inf if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
+    (MAX_PENDING_PAIRS, 2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
+    apart separately.
     """
-    best, top, last, known_a, known_b = enough, 1, -1, scratch[0, 0], scratch[0, 1]
-    (wx, wy, wz), (vx, vy, vz) = motion.spin, motion.velocity
-    spin_rate, required = math.sqrt(wx * wx + wy * wy + wz * wz), motion.required
-    mx, my, mz, hx, hy, hz, sx, sy, sz, speed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    partial = proven = moves = False
-    joint_turn = 0.0
+    best, partial, moves, joint_turn = enough, False, False, 0.0
     for k in range(len(axes)):
         joint_turn += axes[k, 6]
-    scratch[1, 0], scratch[1, 1], scratch[2, 0], scratch[2, 1] = one, other, known_a, known_b
-    top += 2 if known_a >= 0 else 1
+    scratch[0, 0] = scratch[0, 1] = -1
+    scratch[1, 0], scratch[1, 1], top = one, other, 2
     while top > 1:
         top -= 1
         a, b = scratch[top, 0], scratch[top, 1]
-        is_known = a == known_a and b == known_b
-        if is_known and proven:
-            continue
-        proven = proven or is_known
-        box, fixed = hulls.boxes[a], hulls.boxes[b]
-        if a != last:
-            last = a
-            mx, my, mz = apply_pose(motion.matrix, motion.position, row_at(box, 0))
-            hx, hy, hz = box_extent(motion.matrix, row_at(box, 3))
-            # Bound the motion of the node along each axis and in total.
-            x, y, z = vx + wy * mz - wz * my, vy + wz * mx - wx * mz, vz + wx * my - wy * mx
-            half_time, max_displacement = motion.half_time, motion.max_displacement
-            swing = half_time * spin_rate * box[6] + motion.curvature_bound
-            swing += joint_displacement(axes, (mx, my, mz), box[6])
-            sx, sy, sz = (
-                min(half_time * abs(x) + swing, max_displacement),
-                min(half_time * abs(y) + swing, max_displacement),
-                min(half_time * abs(z) + swing, max_displacement),
-            )
-            speed = min(half_time * math.sqrt(x * x + y * y + z * z) + swing, max_displacement)
-        whole = hulls.nodes[a, 3] + hulls.nodes[b, 3] == 2
-        dx, dy, dz = abs(mx - fixed[0]) - fixed[3], abs(my - fixed[1]) - fixed[4], abs(mz - fixed[2]) - fixed[5]
-        slack = max(dx - hx - sx, dy - hy - sy, dz - hz - sz) - required
-        if slack <= best:
-            # Test the ball of the node against the other box.
-            dx, dy, dz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
-            slack = math.sqrt(dx * dx + dy * dy + dz * dz) - box[6] - required - speed
+        slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
+        apart = True
+        with_hulls = has_hull(hulls, a) and has_hull(hulls, b)
+        if slack <= best and with_hulls:
+            slack, apart = hull_slack(hulls, a, b, motion, speed, best, minus(row_at(hulls.boxes[b], 0), center))
         if slack > best:
-            partial = partial or not whole
+            partial = partial or hulls.nodes[a, 3] + hulls.nodes[b, 3] < 2
             continue
-        a_child, b_child = hulls.nodes[a, 0], hulls.nodes[b, 0]
-        a_has_hull, b_has_hull = a_child == 0 or hulls.nodes[a, 2] > 0, b_child == 0 or hulls.nodes[b, 2] > 0
-        if a_has_hull and b_has_hull:
-            n, cached, number = (
-                (fixed[0] - mx, fixed[1] - my, fixed[2] - mz),
-                directions[(31 * a + b) % CACHED_DIRECTIONS],
-                a * 2.0**26 + b,
-            )
-            if cached[0] == number:
-                n = (cached[1], cached[2], cached[3])
-            slack, apart, n = hull_slack(hulls, a, b, motion, speed, best, n)
-            cached[0], cached[1], cached[2], cached[3] = number, n[0], n[1], n[2]
-            if slack > best:
-                partial = partial or not whole
-                continue
-            # The children may be apart even if the hulls are not, unless the motion is too long.
-            loose = box[8] + fixed[8] + 2.0 * joint_turn * box[6]
-            if (a_child == 0 and b_child == 0) or (apart and slack + loose < 0.0):
-                scratch[0, 0], scratch[0, 1] = a, b
-                if apart and motion.half_time > 0.0:
-                    # The caller halves the motion next unless its central moment is blocked, so test only that now.
-                    motion, moves, last = without_motion(motion), True, -1
-                    continue
-                best = min(slack, best - 1e-300) if apart else -math.inf
-                if best <= 0.0:
-                    break
-                continue
-        # Split a node without a hull first, then the larger node.
-        if b_child == 0 or (
-            a_child > 0 and (a_has_hull < b_has_hull or (a_has_hull == b_has_hull and box[6] >= fixed[6]))
-        ):
-            scratch[top, 0], scratch[top, 1], scratch[top + 1, 0], scratch[top + 1, 1] = (
-                a_child,
-                b,
-                hulls.nodes[a, 4],
-                b,
-            )
-        else:
-            # Push the nearer child last, so that it is tested first and its bound prunes the other.
-            b_first = hulls.nodes[b, 4]
-            one_box, other_box = hulls.boxes[b_first], hulls.boxes[b_child]
-            x, y, z = (
-                2.0 * mx - one_box[0] - other_box[0],
-                2.0 * my - one_box[1] - other_box[1],
-                2.0 * mz - one_box[2] - other_box[2],
-            )
-            near = x * (one_box[0] - other_box[0]) + y * (one_box[1] - other_box[1]) + z * (one_box[2] - other_box[2])
-            nearer, farther = (b_first, b_child) if near > 0.0 else (b_child, b_first)
-            scratch[top, 0], scratch[top, 1], scratch[top + 1, 0], scratch[top + 1, 1] = a, farther, a, nearer
-        top += 2
+        # The children may be apart even if the hulls are not, unless the motion is too long.
+        loose = hulls.boxes[a, 8] + hulls.boxes[b, 8] + 2.0 * joint_turn * hulls.boxes[a, 6]
+        are_leaves = hulls.nodes[a, 0] == 0 and hulls.nodes[b, 0] == 0
+        if not (with_hulls and (are_leaves or (apart and slack + loose < 0.0))):
+            split_pair(hulls, a, b, center, scratch, top)
+            top += 2
+            continue
+        scratch[0, 0], scratch[0, 1] = a, b
+        if apart and motion.half_time > 0.0:
+            # The caller halves the motion next unless its central moment is blocked, so test only that now.
+            motion, moves = without_motion(motion), True
+            continue
+        best = min(slack, best - 1e-300) if apart else -math.inf
+        if best <= 0.0:
+            break
     scratch[1, 0] = 1 if partial else 0
     return min(best, -1e-300) if moves else best
+
+
+@kernel
+def box_slack(
+    box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
+) -> tuple[float, float, Row]:
+    """Return the slack of two nodes by their boxes, or by the first one's ball if that is below ``enough``.
+
+    Also returns a bound of the displacement of the first node, and its center.
+    """
+    half_time, most = motion.half_time, motion.max_displacement
+    x, y, z = center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
+    hx, hy, hz = box_extent(motion.matrix, row_at(box, 3))
+    u, v, w = drift = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
+    swing = half_time * math.sqrt(dot(motion.spin, motion.spin)) * box[6] + motion.curvature_bound
+    swing += joint_displacement(axes, center, box[6])
+    dx = abs(x - fixed[0]) - fixed[3]
+    dy = abs(y - fixed[1]) - fixed[4]
+    dz = abs(z - fixed[2]) - fixed[5]
+    along_x = dx - hx - min(half_time * abs(u) + swing, most)
+    along_y = dy - hy - min(half_time * abs(v) + swing, most)
+    along_z = dz - hz - min(half_time * abs(w) + swing, most)
+    slack = max(along_x, along_y, along_z) - motion.required
+    speed = min(half_time * math.sqrt(dot(drift, drift)) + swing, most)
+    if slack <= enough:
+        outside = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
+        slack = math.sqrt(dot(outside, outside)) - box[6] - motion.required - speed
+    return slack, speed, center
+
+
+@kernel
+def has_hull(hulls: Hulls, node: int) -> bool:
+    """Return True if a node has a convex hull; leaves without corners fill their box."""
+    return bool(hulls.nodes[node, 0] == 0 or hulls.nodes[node, 2] > 0)
+
+
+@kernel
+def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
+    """Write the two pairs of a node and the children of the other node to ``scratch``.
+
+    A node without a hull is split first, then the larger node. ``center`` is that of node a, as seen from node b.
+    """
+    a_is_plain, b_is_plain = not has_hull(hulls, a), not has_hull(hulls, b)
+    splits_a = hulls.boxes[a, 6] >= hulls.boxes[b, 6] if a_is_plain == b_is_plain else a_is_plain
+    if hulls.nodes[b, 0] == 0 or (hulls.nodes[a, 0] > 0 and splits_a):
+        scratch[row, 0], scratch[row, 1] = hulls.nodes[a, 0], b
+        scratch[row + 1, 0], scratch[row + 1, 1] = hulls.nodes[a, 4], b
+        return
+    # The nearer child comes last, so that it is tested first and its bound prunes the other.
+    nearer, farther = hulls.nodes[b, 4], hulls.nodes[b, 0]
+    to_one = minus(center, row_at(hulls.boxes[nearer], 0))
+    to_other = minus(center, row_at(hulls.boxes[farther], 0))
+    if dot(to_one, to_one) > dot(to_other, to_other):
+        nearer, farther = farther, nearer
+    scratch[row, 0], scratch[row, 1] = a, farther
+    scratch[row + 1, 0], scratch[row + 1, 1] = a, nearer
 
 
 @kernel
@@ -438,14 +420,13 @@ def without_motion(motion: RelativeMotion) -> RelativeMotion:
 @kernel
 def hull_slack(
     hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
-) -> tuple[float, bool, Row]:
-    """Return :func:`tree_slack` of two hulls, and how it was found.
+) -> tuple[float, bool]:
+    """Return :func:`tree_slack` of two hulls, and whether they are apart at the central moment.
 
-    Also returns whether they are apart at the central moment, and the direction. ``speed`` bounds the displacement of
-    the first hull. ``n``, of any length or zero, is the first direction tried.
+    ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first direction tried.
     """
     required, half_time = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7], motion.half_time
-    best, gap, direction, length, count = -math.inf, -math.inf, n, math.inf, 0
+    best, gap, length, count = -math.inf, -math.inf, math.inf, 0
     p = q = r = (0.0, 0.0, 0.0)
     for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
@@ -458,18 +439,14 @@ def hull_slack(
         other, low = support_point(hulls, b, scale_vector(n, -1.0))
         gap_along = -low - high - dot(n, motion.position)
         if gap_along - required > gap:
-            gap, direction = gap_along - required, n
+            gap = gap_along - required
             best = max(best, gap - speed)
             # Along n the motion may be shorter than ``speed``.
             if best <= enough and gap - motion.curvature_bound > enough and half_time > 0.0:
-                tilt, along = scale_vector(cross(n, motion.spin), half_time), half_time * dot(n, motion.velocity)
-                for sign in (1.0, -1.0):
-                    m = (n[0] + sign * tilt[0], n[1] + sign * tilt[1], n[2] + sign * tilt[2])
-                    _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
-                    gap_m = -low - top - dot(m, motion.position) - sign * along
-                    gap_along = min(gap_along, gap_m)
-                best = max(best, gap_along - required - motion.curvature_bound)
-                gap_along = gap + required
+                least = min(
+                    gap_along, moved_gap(hulls, a, motion, n, low, 1.0), moved_gap(hulls, a, motion, n, low, -1.0)
+                )
+                best = max(best, least - required - motion.curvature_bound)
             if best > enough:
                 break
         # The distance is at least any gap between projections, and at most the length of the vector found.
@@ -487,7 +464,19 @@ def hull_slack(
         before, length = length, math.sqrt(dot(n, n))
         if count == 4 or not length < before:
             break
-    return best, gap > 0.0, direction
+    return best, gap > 0.0
+
+
+@kernel
+def moved_gap(hulls: Hulls, a: int, motion: RelativeMotion, n: Row, low: float, sign: float) -> float:
+    """Return the gap along n at an end of the linear motion: the last for ``sign`` 1, the first for -1.
+
+    ``low`` is the coordinate of the second hull along -n.
+    """
+    step = sign * motion.half_time
+    m = add_scaled(n, cross(n, motion.spin), step)
+    _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
+    return -low - top - dot(m, motion.position) - step * dot(n, motion.velocity)
 
 
 @kernel

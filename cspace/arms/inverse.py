@@ -310,7 +310,20 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
                 jacobian[i, k] = 0.0
             for j in range(i + 1):
                 system[i, j] += jacobian[i, k] * jacobian[j, k]
-    # Cholesky factors of J J^T + damping, which the damping keeps regular, then the two triangular systems.
+    solve_system(system)
+    for k in range(len(q)):
+        step = 0.0
+        for i in range(6):
+            step -= jacobian[i, k] * system[i, 6]
+        scratch.trial[k] = min(max(q[k] + step, problem.lower[k]), problem.upper[k])
+
+
+@kernel
+def solve_system(system: Floats) -> None:
+    """Solve a symmetric, positive definite system, shape (6, 7), in place; its last column becomes the solution.
+
+    Only the lower half is read. Cholesky factors come first, then the two triangular systems.
+    """
     for j in range(6):
         for k in range(j):
             system[j, j] -= system[j, k] ** 2
@@ -327,11 +340,6 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
         for k in range(i + 1, 6):
             system[i, 6] -= system[k, i] * system[k, 6]
         system[i, 6] /= system[i, i]
-    for k in range(len(q)):
-        step = 0.0
-        for i in range(6):
-            step -= jacobian[i, k] * system[i, 6]
-        scratch.trial[k] = min(max(q[k] + step, problem.lower[k]), problem.upper[k])
 
 
 @kernel

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,26 +22,28 @@ from cspace.arms.boxes import (
     InnerBalls,
     InnerScene,
     JointCells,
-    SurfaceTrees,
-    build_surface_trees,
     classify_block,
     make_pending,
     surface_depths,
 )
 from cspace.arms.chain import FIXED, REVOLUTE
+from cspace.arms.model import Arm
 from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair_distances
+from cspace.arms.solids import SurfaceTree
 from cspace.arms.space import ArmSpace
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.check import check_finite, check_positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
-from cspace.exact.proofs import BoundaryProofs
+from cspace.exact.proofs import BoundaryProofs, ExactQueries
 from cspace.exact.triangles import MAX_PENDING_PAIRS
 from cspace.grid import Grid
 from cspace.limits import PlannedGrid, check_memory
 from cspace.map.contents import Contents
+from cspace.map.derived import lazy
 from cspace.map.exterior import FARTHEST_CELL, Exterior
+from cspace.obstacles import ObstacleLayers
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
@@ -82,7 +84,7 @@ def build_joint_map(
     limits: Mapping[str, tuple[float, float]] | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> CSpace:
+) -> JointMap:
     """Map all positions of two or three joints.
 
     Each cell is FREE, BLOCKED or MIXED as a whole.
@@ -105,7 +107,7 @@ def build_joint_map(
 
     Returns
     -------
-    CSpace
+    JointMap
         Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED cells, until cells
         are changed; files do not store it. The robot is a point, and the workspace the cells that are not FREE. All
         beyond a joint's own limits is BLOCKED. All beyond the mapped part of a range is MIXED, so that no path crosses
@@ -126,17 +128,7 @@ def build_joint_map(
     """
     space = copy.copy(space)  # changes of the given space do not change this copy
     side, arm = check_positive(spacing, "spacing", "radians"), space.arm
-    names = arm.joints if joints is None else tuple(joints)
-    for name in names:
-        if name not in arm.joints:
-            rule = f"there are {', '.join(arm.joints)}"
-            raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
-        if name in Rotations.all_names() or name.split() != [name]:
-            rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
-            raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
-    if len(names) not in (2, 3) or len(set(names)) < len(names):
-        rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
-        raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
+    names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
     held = _held_configuration(space, names, held_joints)
     intervals = np.array([_joint_range(space, name, limits) for name in names])
@@ -153,32 +145,7 @@ def build_joint_map(
     moving = _moving_pairs(space, joint_indices)
     _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
 
-    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._snapshot.inner.solids)
-    parts, work = list[CellStates](), []
-    for moved in np.unique(moving[moving.any(axis=1)], axis=0):
-        chosen = (moving == moved).all(axis=1)
-        scene = space._outer_scene.select_pairs(chosen)
-        inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
-        # Along joints that do not move these pairs, one cell represents all.
-        sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
-        parts.append(CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16)))
-        starts = (
-            _BLOCK_CELLS_PER_AXIS * np.indices(tuple((-(-sides // _BLOCK_CELLS_PER_AXIS)).tolist())).reshape(3, -1).T
-        )
-        blocks = np.concatenate([starts, np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)], axis=1)
-        work += [
-            partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), parts[-1])
-            for block in np.ascontiguousarray(blocks)
-        ]
-    tell = None if progress is None else lambda done: progress(done, len(work))
-    in_threads(lambda task: task(), work, workers or cores(), tell)
-    # A cell is FREE if all pairs are, and BLOCKED if one pair is.
-    states, deciding_pairs = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int16)
-    for part in parts:
-        part_states, pairs = (each.reshape(each.shape[3 - len(shape) :]) for each in part)
-        np.copyto(deciding_pairs, pairs, where=part_states > states)
-        np.maximum(states, part_states, out=states)
-    deciding_pairs[states != MIXED] = -1
+    states, deciding_pairs = _classify_cells(space, grid, joint_indices, held, moving, workers or cores(), progress)
     for axis, (low, high) in enumerate(zip(grid.lower, joint_limits[:, 1].tolist(), strict=True)):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
             last = np.moveaxis(states, axis, 0)[-1]
@@ -188,11 +155,97 @@ def build_joint_map(
     slices = rotations.assign_slices(robot.shape)
     mixed = np.flatnonzero(deciding_pairs >= 0)
     part_names = tuple(each.name for group in space._snapshot.groups for each in group.members for _ in each.parts)
-    prove = JointGeometry(
+    geometry = JointGeometry(
         space._outer_scene, joint_indices, held, joint_limits, part_names, mixed, deciding_pairs.ravel()[mixed]
     )
     exterior = _make_exterior(grid, intervals, joint_limits)
-    return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior, prove=prove))
+    contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
+    return JointMap(contents, geometry)
+
+
+def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of two or three joints."""
+    names = arm.joints if joints is None else tuple(joints)
+    for name in names:
+        if name not in arm.joints:
+            rule = f"there are {', '.join(arm.joints)}"
+            raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
+        if name in Rotations.all_names() or name.split() != [name]:
+            rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
+            raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
+    if len(names) not in (2, 3) or len(set(names)) < len(names):
+        rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
+        raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
+    return names
+
+
+def _classify_cells(
+    space: ArmSpace,
+    grid: Grid,
+    joint_indices: Ints,
+    held: Floats,
+    moving: Bools,
+    workers: int,
+    progress: Progress | None,
+) -> tuple[States, NDArray[np.int16]]:
+    """Return the states of all cells, and a pair that keeps each MIXED cell so, -1 for other cells.
+
+    ``moving`` says which joints move which pairs. Along joints that do not move some pairs, one cell represents all.
+    """
+    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._snapshot.inner.solids)
+    shape, added = grid.shape, [1] * (3 - grid.dim)
+    parts, work = list[CellStates](), []
+    for moved in np.unique(moving[moving.any(axis=1)], axis=0):
+        chosen = (moving == moved).all(axis=1)
+        scene = space._outer_scene.select_pairs(chosen)
+        inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
+        sides = np.array([*added, *np.where(moved, shape, 1)])
+        part = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
+        parts.append(part)
+        counts = -(-sides // _BLOCK_CELLS_PER_AXIS)
+        for start in _BLOCK_CELLS_PER_AXIS * np.indices(tuple(counts.tolist())).reshape(3, -1).T:
+            block = np.concatenate([start, np.minimum(start + _BLOCK_CELLS_PER_AXIS, sides)])
+            work.append(partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), part))
+    tell = None if progress is None else lambda done: progress(done, len(work))
+    in_threads(lambda task: task(), work, workers, tell)
+    # A cell is FREE if all pairs are, and BLOCKED if one pair is.
+    states, deciding_pairs = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int16)
+    for part in parts:
+        part_states, pairs = (each.reshape(each.shape[3 - grid.dim :]) for each in part)
+        np.copyto(deciding_pairs, pairs, where=part_states > states)
+        np.maximum(states, part_states, out=states)
+    deciding_pairs[states != MIXED] = -1
+    return states, deciding_pairs
+
+
+class JointMap(CSpace):
+    """A map whose exact proofs use the geometry of an arm, until its cells change."""
+
+    def __init__(
+        self, contents: Contents, geometry: JointGeometry | None, layers: ObstacleLayers | None = None
+    ) -> None:
+        super().__init__(contents, None, layers)
+        self._geometry = geometry
+
+    def __reduce__(self) -> tuple[type[JointMap], tuple[Any, ...]]:
+        """Copy or pickle the contents and the geometry."""
+        with self._lock:  # an update waits
+            (contents, _, layers) = super().__reduce__()[1]
+            return type(self), (contents, self._geometry, layers)
+
+    @lazy
+    def _exact(self) -> ExactQueries:
+        """Queries with exact geometry."""
+        return ExactQueries(self._problem, self._make_proofs)
+
+    def _make_proofs(self, problem: Problem) -> Proofs:
+        """Return proofs by the arm, or by the cells once they changed."""
+        return BoundaryProofs(problem) if self._geometry is None else JointProofs(self._geometry, problem)
+
+    def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
+        """Drop the geometry too, which belongs to the cells before the update."""
+        self._geometry = None
+        super()._drop_derived(workspace, layers)
 
 
 def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple[str, str], int]:
@@ -231,8 +284,8 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    geometry = joint_map._kept.prove
-    if not isinstance(geometry, JointGeometry):
+    geometry = joint_map._geometry if isinstance(joint_map, JointMap) else None
+    if geometry is None:
         rule, hint = "maps from files and maps with changed cells have none", "pass the map that build_joint_map made"
         raise InputError("joint_map", "has no geometry of an arm", rule, hint, value=joint_map)
     cells, pairs, grid = geometry.mixed_cells, geometry.deciding_pairs, joint_map.grid
@@ -379,8 +432,7 @@ def _inner_balls(solids: Solids) -> InnerBalls:
 
     They are the deepest lattice points, apart from each other, and corners.
     """
-    trees = build_surface_trees(solids)
-    surfaces = [_sample_depths(solids, trees, surface) for surface in range(len(solids.boxes))]
+    surfaces = [_sample_depths(solids.surfaces, root) for root in solids.surface_roots.tolist()]
     balls: list[Floats] = []
     counts = []
     for number in range(len(solids.bodies)):
@@ -400,7 +452,6 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         radii=every[:, 3].copy(),
         starts=np.cumsum([0, *counts]),
         deepest=np.array([max(radii, default=0.0) for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])]),
-        trees=trees,
     )
 
 
@@ -413,20 +464,20 @@ def _solid_balls(rows: Floats) -> Floats:
     return np.column_stack([rows[largest, :3], radii[largest]])
 
 
-def _sample_depths(solids: Solids, trees: SurfaceTrees, surface: int) -> tuple[Floats, Floats]:
+def _sample_depths(surfaces: SurfaceTree, root: int) -> tuple[Floats, Floats]:
     """Sample depths at lattice points of a closed surface.
 
     Returns the points and the depths.
     """
-    low, sides = solids.boxes[surface, :3], np.ptp(solids.boxes[surface].reshape(2, 3), axis=0)
+    center, half = surfaces.boxes[root].reshape(2, 3)
+    sides = 2.0 * half
     step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
     # Odd counts put lattice points in the center plane of thin bodies.
-    shape = tuple(
-        np.minimum(2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4).astype(np.int64).tolist()
-    )
-    points = low + (np.indices(shape).reshape(3, -1).T + 0.5) * sides / shape
+    counts = np.minimum(2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4).astype(np.int64)
+    lattice = np.indices(tuple(counts.tolist())).reshape(3, -1).T
+    points = center - half + (lattice + 0.5) * sides / counts
     depth = np.empty(len(points))
-    surface_depths(solids, trees, surface, points, depth, np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64))
+    surface_depths(surfaces, root, points, depth, np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64))
     return points, depth
 
 
@@ -474,10 +525,6 @@ class JointGeometry:
     mixed_cells: Ints
     deciding_pairs: NDArray[np.int16]
 
-    def __call__(self, problem: Problem) -> JointProofs:
-        """Return the proofs for a map."""
-        return JointProofs(self, problem)
-
     def configurations(self, q: Floats) -> Floats:
         """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
         rows = np.tile(self.held, (len(q), 1))
@@ -500,13 +547,12 @@ class JointProofs:
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         """Return whether each edge, shapes (n, d), is proven free."""
-        free, (low, high) = (
-            np.zeros(len(q0), dtype=np.bool_),
-            self._geometry.intervals.T,
-        )  # nothing is proven beyond the limits
-        first, last = (((low <= q) & (q <= high)).all(axis=1) for q in (q0, q1))
-        inside = np.flatnonzero(first & last)
-        firsts, lasts = (self._geometry.configurations(q[inside]) for q in (q0, q1))
+        free = np.zeros(len(q0), dtype=np.bool_)
+        low, high = self._geometry.intervals.T  # nothing is proven beyond the limits
+        within = (low <= q0) & (q0 <= high) & (low <= q1) & (q1 <= high)
+        inside = np.flatnonzero(within.all(axis=1))
+        firsts = self._geometry.configurations(q0[inside])
+        lasts = self._geometry.configurations(q1[inside])
         free[inside] = are_free(self._geometry.scene, firsts, lasts)
         return free
 

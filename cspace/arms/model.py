@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -628,16 +628,6 @@ class Arm:
         return array
 
 
-def measure_arm_reach(arm: Arm) -> float:
-    """Bound the distance of links from the base's origin, metres."""
-    reaches = [0.0]
-    for link in arm.links:
-        for part in link.parts:
-            corners = part.transform(np.array(list(product(*zip(*part.shape.outer.bounds, strict=True)))))
-            reaches.append(float(arm.chain.lengths[0, link.body] + np.linalg.norm(corners, axis=1).max()))
-    return max(reaches)
-
-
 def sort_pair(one: str, other: str) -> Names:
     """Return two names in alphabetical order."""
     return (one, other) if one < other else (other, one)
@@ -706,15 +696,8 @@ def _read_joint(joint: Any, file: str) -> Joint:
     if kind != FIXED and not length > 0.0:
         rule = "a joint turns about it or slides along it"
         raise InputError(f"{where}: axis", "is zero", rule, "correct it", value=joint.axis)
-    lower, upper = -math.inf, math.inf
-    if kind != FIXED and joint.type != "continuous":
-        limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
-        if None in limits:
-            raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
-        lower, upper = (float(check_finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
-        if lower > upper:
-            problem, rule = f"are {lower:.12g} and {upper:.12g}", "the lower one must not be above the upper one"
-            raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
+    has_limits = kind != FIXED and joint.type != "continuous"
+    lower, upper = _read_limits(joint, where) if has_limits else (-math.inf, math.inf)
     velocity = float(getattr(joint.limit, "velocity", None) or 0.0)
     max_velocity = velocity if velocity > 0.0 else math.inf
     mimic = joint.mimic
@@ -726,6 +709,18 @@ def _read_joint(joint: Any, file: str) -> Joint:
     unit = axis / length if length > 0.0 else axis
     ends = joint.parent, joint.child
     return Joint(joint.name, kind, *ends, frame, unit, lower, upper, leader, factor, offset, max_velocity)
+
+
+def _read_limits(joint: Any, where: str) -> tuple[float, float]:
+    """Return the limits of a joint of yourdfpy."""
+    limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
+    if None in limits:
+        raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
+    lower, upper = (float(check_finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
+    if lower > upper:
+        problem, rule = f"are {lower:.12g} and {upper:.12g}", "the lower one must not be above the upper one"
+        raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
+    return lower, upper
 
 
 class _Assembly:
@@ -752,16 +747,7 @@ class _Assembly:
             self._order.append(pending.pop())
             pending += below.get(self._order[-1].child, ())
         above = {joint.child: joint for joint in self._order}
-        branch = set(above)
-        if tip is not None:
-            branch, link = set(), tip
-            while link != base:
-                if link not in above:
-                    rule = f"it is not below {base!r}"
-                    raise InputError("tip", f"is {tip!r}", rule, "name a link that is", value=tip)
-                branch.add(link)
-                link = above[link].parent
-        names = {joint.name for joint in self._order}
+        branch = set(above) if tip is None else _links_to(tip, base, above)
         self._moving = [
             joint.name
             for joint in self._order
@@ -771,21 +757,26 @@ class _Assembly:
             and (chosen is None or joint.name in chosen)
         ]
         for joint in self._order:
-            if joint.leader not in joints:
-                rule = f"the URDF has no such joint; it has {', '.join(joints)}"
-            elif joint.leader not in names:
-                rule = f"that joint is not below the base {base!r}"
-            elif joints[joint.leader].leader != joint.leader:
-                rule = "that joint mimics another one itself"
-            elif joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(joints[joint.leader].upper):
-                rule = "that joint is continuous, so a prismatic joint would slide without end"
-            else:
-                continue
-            argument, problem = f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}"
-            raise InputError(argument, problem, rule, "correct it", value=joint.leader)
+            self._check_leader(joint)
         if not self._moving:
             problem, rule = "has no joint that moves there", "an arm has at least one"
             raise InputError(file, problem, rule, "name another base, tip or joints")
+
+    def _check_leader(self, joint: Joint) -> None:
+        """Raise InputError if a joint mimics one that it cannot."""
+        joints = self._joints
+        if joint.leader not in joints:
+            rule = f"the URDF has no such joint; it has {', '.join(joints)}"
+        elif joint.leader not in {each.name for each in self._order}:
+            rule = f"that joint is not below the base {self._base!r}"
+        elif joints[joint.leader].leader != joint.leader:
+            rule = "that joint mimics another one itself"
+        elif joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(joints[joint.leader].upper):
+            rule = "that joint is continuous, so a prismatic joint would slide without end"
+        else:
+            return
+        argument, problem = f"{self._file}: joint {joint.name!r}", f"mimics {joint.leader!r}"
+        raise InputError(argument, problem, rule, "correct it", value=joint.leader)
 
     def _is_moved(self, joint: Joint) -> bool:
         """Return True if the arm's configuration moves a joint."""
@@ -945,6 +936,18 @@ class _Assembly:
         return Chain(
             parents, frames, axes, kinds, numbers, factors, offsets, between, (between * link_lengths).sum(axis=2)
         )
+
+
+def _links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
+    """Return the links from a tip up to the base, without the base."""
+    links, link = set[str](), tip
+    while link != base:
+        if link not in above:
+            rule = f"it is not below {base!r}"
+            raise InputError("tip", f"is {tip!r}", rule, "name a link that is", value=tip)
+        links.add(link)
+        link = above[link].parent
+    return links
 
 
 def _rest_value(joint: Joint) -> float:

@@ -15,19 +15,16 @@ from cspace.arms.inverse import PoseGoal
 from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms.solids import PosedShape, check_rigid
 from cspace.arrays import Floats, StrPath
-from cspace.check import check_known, check_positive
+from cspace.check import check_known
 from cspace.errors import GeometryError, InputError
 from cspace.files.access import ContentError, decoding
 from cspace.files.moveit import (
-    MOTION_ROUNDING,
     WORLD,
     Contacts,
     check_list,
     check_table,
-    find_frame_motions,
     parse_contacts,
     parse_frame,
-    parse_link_values,
     parse_number,
     parse_numbers,
     parse_pose,
@@ -52,7 +49,7 @@ class AttachedObject(NamedTuple):
     link : str
         Link that carries it.
     frame : str
-        That link, or another frame.
+        That link, or the frame of the scene.
     touch_links : tuple of str
         Further links that may touch it.
     """
@@ -82,10 +79,6 @@ class PlanningScene:
         Shapes that links carry, named as the obstacles.
     robot_state : JointValues
         Values of the robot's joints; empty if the file has none.
-    padding : dict of str to float
-        Metres that are added to the margin between a link, with all that it carries, and obstacles. MoveIt grows the
-        shapes of the link instead, and a box keeps its corners, which are farther away. What is attached later needs
-        ``padding=`` of its own.
     """
 
     source: str
@@ -93,10 +86,8 @@ class PlanningScene:
     obstacles: dict[str, PosedShape]
     attached: dict[str, AttachedObject]
     robot_state: JointValues
-    padding: dict[str, float]
     _contacts: Contacts | None
     _ids: dict[str, str]
-    _motions: Mapping[str, tuple[str, Floats]]
 
     def __repr__(self) -> str:
         """Return the file and the number of objects."""
@@ -118,7 +109,7 @@ class PlanningScene:
         ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If there is a matrix, it
         replaces the pairs of links that the SRDF lets touch, as in MoveIt.
         """
-        self._check_arm(arm, base_pose)
+        self._check_arm(arm)
         bare, links = arm, [frame for frame in arm.frames if frame not in arm._carriers]
         for name, each in self.attached.items():
             check_known(each.link, f"{self.source}: link_name of {name!r}", links)
@@ -133,8 +124,8 @@ class PlanningScene:
         arm = replace(arm, allowed_collisions=dict.fromkeys(pairs, "scene") | kept)
         return arm, {sort_pair(*pair) for pair in product(names, self.obstacles) if self.may_touch(*pair)}
 
-    def _check_arm(self, arm: Arm, base_pose: Floats) -> None:
-        """Raise InputError if the scene contradicts the arm: names, frames, or joints that the arm holds."""
+    def _check_arm(self, arm: Arm) -> None:
+        """Raise InputError if an object has the name of a frame, or the arm holds a joint elsewhere."""
         for name in dict.fromkeys([*self._ids.values(), *self._ids]):
             if name in arm.frames:
                 problem, rule = f"has the object {name!r}", "the arm has a frame of that name"
@@ -145,46 +136,15 @@ class PlanningScene:
                 problem, rule = f"has {joint} at {value:.12g}", f"the arm holds it at {held:.12g}"
                 hint = "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state"
                 raise InputError(self.source, problem, rule, hint, value=value)
-        for frame, (root, motion) in self._motions.items():
-            if frame == WORLD and root in arm.frames:  # then the arm knows where the world is
-                body, pose = arm._frames.get(WORLD, (0, np.eye(4)))
-            elif frame != root and frame in arm.frames:
-                body, pose = arm._frames[frame]
-            else:
-                continue
-            base = base_pose if root == self.frame else find_base_pose(root, arm, self.source)
-            if body or np.abs(base @ pose - motion).max() > MOTION_ROUNDING:
-                problem = f"moves the frame {frame!r} by fixed_frame_transforms"
-                hint = "remove that transform, or correct base_pose="
-                raise InputError(self.source, problem, "the arm has it elsewhere", hint, value=frame)
-
-    def _pad_links(self, arm: Arm) -> dict[str, float]:
-        """Return the padding of links with geometry, and of what they carry, metres, for an arm with all objects."""
-        links = [frame for frame in arm.frames if frame not in arm._carriers]
-        for name in self.padding:
-            check_known(name, f"{self.source}: link_padding", links, "names")
-        padding = {}
-        for each in arm.links:
-            link = each.name
-            while link in arm._carriers:
-                link = arm._carriers[link]
-            if link in self.padding:
-                padding[each.name] = self.padding[link]
-        return padding
 
     def _pose_on_link(self, arm: Arm, each: AttachedObject, base_pose: Floats) -> Floats:
         """Return an attached object's pose in its link's frame."""
         pose = each.shape.pose
         if each.frame == each.link:
             return pose
-        body = arm._frames[each.frame].body if each.frame in arm.frames else 0
-        # Only frames that move against each other need the robot's state.
-        q = arm._rest if body == arm._frames[each.link].body else arm.configuration(self.robot_state)
-        if each.frame in arm.frames:
-            on_base = arm.pose(q, each.frame) @ pose
-        else:
-            base = base_pose if each.frame == self.frame else find_base_pose(each.frame, arm, self.source)
-            on_base = np.asarray(np.linalg.solve(base, pose), dtype=np.float64)
+        # Only links that joints move need the robot's state.
+        q = arm.configuration(self.robot_state) if arm._frames[each.link].body else arm._rest
+        on_base = np.linalg.solve(base_pose, pose)
         return np.asarray(np.linalg.solve(arm.pose(q, each.link), on_base), dtype=np.float64)
 
 
@@ -209,68 +169,46 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
     return np.eye(4)
 
 
-def read_moveit_scene(
-    path: StrPath, *, plane_radius: float | None = None, package_dirs: PackageDirs = ()
-) -> PlanningScene:
+def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> PlanningScene:
     """Read a MoveIt planning scene, for :func:`cspace.build_arm_space`.
+
+    Collision objects are read in one frame, the planning frame, and attached objects in that frame or in the frame of
+    the link that carries them.
 
     Parameters
     ----------
     path : path-like
         As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
-    plane_radius : float, optional
-        Metres around the origin of the scene. A square replaces each plane and covers it within this radius. Required
-        if the scene has planes. A space refuses a radius that its arm could reach beyond, with all that it carries,
-        margin and padding.
     package_dirs : path-like, or sequence of path-like
         Folders that contain the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 
     Raises
     ------
     FileError, GeometryError
-        As :meth:`cspace.Workspace.from_moveit_scene`. Also if the file scales links, pads them by less than zero, or
-        moves the robot's base by its state; or if the state only changes another one.
-    InputError
-        If ``plane_radius`` is not above zero.
+        As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its base, or only changes
+        another state.
     """
     from cspace.shapes.scenes import SCENE_KIND, read_scene
 
-    ball = None if plane_radius is None else (np.zeros(3), check_positive(plane_radius, "plane_radius"))
-    source, content = str(path), read_scene(path, ball, package_dirs)
+    source, content = str(path), read_scene(path, package_dirs)
     table = content.table
     if not content.shapes and not content.attached:
         raise GeometryError(source, "holds no shape", "a scene needs one", "pass another file")
-    ids = {shape.name: shape.object_id for shape in content.shapes}
+    obstacles = {each.name: PosedShape(each.shape, each.pose) for each in content.shapes}
+    ids = {each.name: each.object_id for each in content.shapes}
     attached = {}
-    for each in content.attached:
-        for name, shape, pose in each.parts:
-            ids[name] = each.name
-            attached[name] = AttachedObject(PosedShape(shape, pose), each.link, each.frame, tuple(each.touch_links))
+    for link, frame, touch_links, shapes in content.attached:
+        for each in shapes:
+            ids[each.name] = each.object_id
+            shape = PosedShape(each.shape, each.pose)
+            attached[each.name] = AttachedObject(shape, link, frame, tuple(touch_links))
     with decoding(path, SCENE_KIND):
-        if scaled := parse_link_values(table.get("link_scale"), "link_scale", "scale", 1.0):
-            problem = f"scales {', '.join(scaled)}"
-            raise ContentError(problem, "links keep their size", "remove link_scale, and use link_padding")
-        padding = parse_link_values(table.get("link_padding"), "link_padding", "padding", 0.0)
-        if negative := [link for link, metres in padding.items() if metres < 0.0]:
-            raise ContentError(f"has a negative padding of {negative[0]}", "links keep their size", "remove it")
         state = parse_robot_state(table.get("robot_state"), "robot_state")
         if state.is_diff:
             problem, rule = "has is_diff: true at robot_state", "it only changes another state"
             raise ContentError(problem, rule, "write the whole state")
-        transforms = check_list(table.get("fixed_frame_transforms"), "fixed_frame_transforms")
-        frames = [] if state.base_frame is None else [state.base_frame]
-        for frame, (_, motion) in find_frame_motions(transforms, frames).items():
-            if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
-                problem = f"has multi_dof_joint_state of robot_state in the frame {frame!r}"
-                problem, hint = f"{problem}, which fixed_frame_transforms move", "write it in the frame of the scene"
-                raise ContentError(problem, "an arm's base is fixed", hint)
         contacts = parse_contacts(table.get("allowed_collision_matrix"))
-    obstacles = {
-        each.name: PosedShape(each.shape, each.pose, plane_radius=plane_radius if each.is_plane else None)
-        for each in content.shapes
-    }
-    values = JointValues(state.joints)
-    return PlanningScene(source, content.frame, obstacles, attached, values, padding, contacts, ids, content.motions)
+    return PlanningScene(source, content.frame, obstacles, attached, JointValues(state.joints), contacts, ids)
 
 
 class JointGoal(NamedTuple):
@@ -417,9 +355,9 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     with decoding(path, _REQUEST_KIND):
         message = check_table(content, "the file")
         options = check_table(message.get("planning_options"), "planning_options")
-        if changed := _list_changes(options.get("planning_scene_diff")):
-            problem = f"has {', '.join(changed)} in planning_options.planning_scene_diff"
-            raise ContentError(problem, "a scene is read from its own file", "write them into the scene")
+        if _holds_entries(options.get("planning_scene_diff")):
+            problem, rule = "has changes in planning_options.planning_scene_diff", "a scene is read from its own file"
+            raise ContentError(problem, rule, "write them into the scene")
         for name in ("request", "motion_plan_request"):
             message = message.get(name, message)
         table = check_table(message, "the request", _REQUEST_FIELDS)
@@ -457,29 +395,15 @@ _REQUEST_FIELDS: Final = (
 """Fields of a moveit_msgs/MotionPlanRequest, in all versions."""
 
 
+_NEUTRAL_FIELDS: Final = ("name", "header", "is_diff", "w")
+"""Fields that messages without content may have; w is that of the quaternion of no rotation."""
+
+
 def _holds_entries(value: Any) -> bool:
-    """Return True if a message holds more than a name and empty lists."""
+    """Return True if a message holds more than neutral fields and empty lists."""
     if isinstance(value, Mapping):
-        return any(_holds_entries(each) for name, each in value.items() if name != "name")
+        return any(_holds_entries(each) for name, each in value.items() if name not in _NEUTRAL_FIELDS)
     return bool(value)
-
-
-def _list_changes(diff: Any) -> list[str]:
-    """Return the parts of a scene that a message changes."""
-    table, place = check_table(diff, "planning_scene_diff"), "planning_scene_diff"
-    world = check_table(table.get("world"), f"world of {place}")
-    state = check_table(table.get("robot_state"), f"robot_state of {place}")
-    matrix = check_table(table.get("allowed_collision_matrix"), f"allowed_collision_matrix of {place}")
-    octomap = check_table(check_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
-    parts = {
-        "collision_objects": world.get("collision_objects"),
-        "an OctoMap": octomap.get("data"),
-        "attached_collision_objects": state.get("attached_collision_objects"),
-        "joint_state": check_table(state.get("joint_state"), f"joint_state of {place}").get("name"),
-        "allowed_collision_matrix": matrix.get("entry_names") or matrix.get("default_entry_names"),
-        **{name: table.get(name) for name in ("link_padding", "link_scale", "fixed_frame_transforms")},
-    }
-    return [name for name, value in parts.items() if value]
 
 
 def _parse_goal(item: Any, place: str, frames: dict[str, None]) -> Sequence[JointGoal | PoseGoal]:
@@ -533,43 +457,12 @@ def _parse_pose_goals(
     """Return the goals of a position and an orientation constraint."""
     links, rotation, angle = list[str](), np.eye(3), math.inf
     for item in orientations:
-        here = f"orientation_constraints of {place}"
-        names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
-        entry = check_table(item, here, ("header", "orientation", "link_name", *names, "parameterization", "weight"))
-        frames[parse_frame(entry, here)] = None
-        links.append(_parse_link(entry, here))
-        rotation = parse_pose({"orientation": entry.get("orientation")}, here)[:3, :3]
-        # MoveIt takes the tolerances as absolute.
-        tolerance = min(abs(parse_number(entry.get(name), f"{name} of {here}", 0.0)) for name in names)
-        if not tolerance > 0.0:
-            problem = f"has a tolerance of zero at {here}"
-            raise ContentError(problem, "no computed pose would be within it", "make it larger, e.g. 1e-3")
-        angle = math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
+        link, rotation, angle = _parse_orientation(item, f"orientation_constraints of {place}", frames)
+        links.append(link)
     centers = [(np.zeros(3), math.inf)]
     for item in positions:
-        here = f"position_constraints of {place}"
-        entry = check_table(item, here, ("header", "link_name", "target_point_offset", "constraint_region", "weight"))
-        frames[parse_frame(entry, here)] = None
-        links.append(_parse_link(entry, here))
-        offset = np.zeros(3)
-        if entry.get("target_point_offset") is not None:
-            offset = parse_numbers(entry["target_point_offset"], 3, f"target_point_offset of {here}")
-        if offset.any() and math.isinf(angle):
-            problem = f"has a target_point_offset without orientation at {here}"
-            raise ContentError(problem, "a pose goal is for the origin of a link", "add the orientation")
-        region = check_table(
-            entry.get("constraint_region"),
-            f"constraint_region of {here}",
-            ("primitives", "primitive_poses", "meshes", "mesh_poses"),
-        )
-        # Within the angle, the offset point moves by at most this.
-        sway = 2.0 * float(np.linalg.norm(offset)) * math.sin(0.5 * min(angle, math.pi))
-        centers = [
-            (center - rotation @ offset, radius - sway) for center, radius in _parse_region(region, f"region of {here}")
-        ]
-        if min(radius for _, radius in centers) <= 0.0:
-            problem = f"has a target_point_offset at {here} that sways {sway:.3g} m within the orientation's tolerance"
-            raise ContentError(problem, "the region must be larger", "tighten the orientation, or widen the region")
+        link, centers = _parse_position(item, f"position_constraints of {place}", rotation, angle, frames)
+        links.append(link)
     if len(set(links)) > 1:
         problem = f"constrains {' and '.join(map(repr, links))} at {place}"
         raise ContentError(problem, "a goal is for one link", "remove one")
@@ -577,6 +470,49 @@ def _parse_pose_goals(
         raise ContentError(f"has tolerances beyond half a turn at {place}", "then any pose would do", "tighten them")
     poses = [(np.block([[rotation, center[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), r) for center, r in centers]
     return [PoseGoal(links[0], pose, (radius, angle)) for pose, radius in poses]
+
+
+def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[str, Floats, float]:
+    """Return the link, the rotation and the largest angle of an orientation constraint."""
+    names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
+    entry = check_table(item, place, ("header", "orientation", "link_name", *names, "parameterization", "weight"))
+    frames[parse_frame(entry, place)] = None
+    link = _parse_link(entry, place)
+    rotation = parse_pose({"orientation": entry.get("orientation")}, place)[:3, :3]
+    # MoveIt takes the tolerances as absolute.
+    tolerance = min(abs(parse_number(entry.get(name), f"{name} of {place}", 0.0)) for name in names)
+    if not tolerance > 0.0:
+        problem = f"has a tolerance of zero at {place}"
+        raise ContentError(problem, "no computed pose would be within it", "make it larger, e.g. 1e-3")
+    return link, rotation, math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
+
+
+def _parse_position(
+    item: Any, place: str, rotation: Floats, angle: float, frames: dict[str, None]
+) -> tuple[str, list[tuple[Floats, float]]]:
+    """Return the link of a position constraint, and a center and radius for each shape of its region.
+
+    They are those of the link's origin, at a rotation up to an angle.
+    """
+    entry = check_table(item, place, ("header", "link_name", "target_point_offset", "constraint_region", "weight"))
+    frames[parse_frame(entry, place)] = None
+    link = _parse_link(entry, place)
+    offset = np.zeros(3)
+    if entry.get("target_point_offset") is not None:
+        offset = parse_numbers(entry["target_point_offset"], 3, f"target_point_offset of {place}")
+    if offset.any() and math.isinf(angle):
+        problem = f"has a target_point_offset without orientation at {place}"
+        raise ContentError(problem, "a pose goal is for the origin of a link", "add the orientation")
+    fields = "primitives", "primitive_poses", "meshes", "mesh_poses"
+    region = check_table(entry.get("constraint_region"), f"constraint_region of {place}", fields)
+    # Within the angle, the offset point moves by at most this.
+    sway = 2.0 * float(np.linalg.norm(offset)) * math.sin(0.5 * min(angle, math.pi))
+    balls = _parse_region(region, f"region of {place}")
+    centers = [(center - rotation @ offset, radius - sway) for center, radius in balls]
+    if min(radius for _, radius in centers) <= 0.0:
+        problem = f"has a target_point_offset at {place} that sways {sway:.3g} m within the orientation's tolerance"
+        raise ContentError(problem, "the region must be larger", "tighten the orientation, or widen the region")
+    return link, centers
 
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi

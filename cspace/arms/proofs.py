@@ -18,13 +18,28 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.chain import Chain, forward_kinematics, motion_bounds, relative_motion, relative_pose
-from cspace.arms.hulls import CACHED_DIRECTIONS, Hulls, joint_displacement, tree_slack
-from cspace.arrays import Bools, Floats, Ints, Matrix, Row
+from cspace.arms.hulls import Hulls, joint_displacement, tree_slack
+from cspace.arms.solids import SurfaceTree
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces, read_box
-from cspace.kernels import apply_pose, box_extent, dot, extent_along, minus, point_triangle, rotate_back, row_at
+from cspace.kernels import (
+    apply_pose,
+    box_distance,
+    box_extent,
+    dot,
+    extent_along,
+    minus,
+    point_triangle,
+    rotate_back,
+    row_at,
+)
 from cspace.raster.surfaces import signed_crossing
+
+TREE_ROUNDING: Final = 2.0**-40
+"""Growth of boxes of a tree against rounding, relative to the size of the surface."""
+
 
 MAX_PENDING_MOTIONS: Final = 1024
 """Capacity of the queue of unproven parts of a motion."""
@@ -36,8 +51,6 @@ NO_MOTION: Final = (0.0, 0.0, 0.0)
 
 class Solids(NamedTuple):
     """Links and obstacles: their bodies, trees, closed surfaces and anchors.
-
-    The trees and triangles may also have rows of solids of other scenes, which share the arrays.
 
     Attributes
     ----------
@@ -54,14 +67,10 @@ class Solids(NamedTuple):
         Triangles, boxes and balls that prove BLOCKED, each in the frame of its body.
     tree_roots : ndarray of int64, shape (k,)
         Root of each part in ``trees``; -1 for none.
-    triangles : ndarray of float64, shape (n, 3, 3)
-        Triangles of closed surfaces.
-    windings : ndarray of int64, shape (n,)
-        Multiplicity of each triangle.
-    boxes : ndarray of float64, shape (h, 6)
-        Lower and upper corner of each surface.
-    surface_spans : ndarray of int64, shape (h, 2)
-        Range [start, stop) of the triangles of each surface.
+    surfaces : SurfaceTree
+        Trees of the closed surfaces, each in the frame of its body.
+    surface_roots : ndarray of int64, shape (h,)
+        Root of each surface.
     anchors : ndarray of float64, shape (m, 3)
         A point of each connected part.
     has_solids : ndarray of bool, shape (s,)
@@ -78,10 +87,8 @@ class Solids(NamedTuple):
     levers: Floats
     trees: Trees
     tree_roots: Ints
-    triangles: Floats
-    windings: Ints
-    boxes: Floats
-    surface_spans: Ints
+    surfaces: SurfaceTree
+    surface_roots: Ints
     anchors: Floats
     has_solids: Bools
     starts: Ints
@@ -137,12 +144,6 @@ class SceneScratch(NamedTuple):
         Bounds of each pair along the whole motion: displacement, half the acceleration, rotation of the joints.
     not_nested : ndarray of bool, shape (p,)
         Pairs known not to contain each other.
-    nearest : ndarray of int64, shape (p, 2)
-        The pair of nodes nearest to touching in the last test of each pair.
-    crossing : ndarray of int64, shape (p, 2)
-        Leaves of the triangles that last crossed, of each pair; -1 for none.
-    directions : ndarray of float64, shape (CACHED_DIRECTIONS, 4)
-        Separating directions of pairs of hulls.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair in a box of configurations; see :func:`cspace.arms.hulls.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
@@ -153,9 +154,6 @@ class SceneScratch(NamedTuple):
     poses: Floats
     bounds: Floats
     not_nested: Bools
-    nearest: Ints
-    crossing: Ints
-    directions: Floats
     axes: Floats
     nodes: Ints
 
@@ -169,9 +167,6 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
         np.empty((bodies, 3, 6)),
         np.empty((pairs, 3)),
         np.empty(pairs, dtype=np.bool_),
-        np.full((pairs, 2), -1),
-        np.full((pairs, 2), -1),
-        np.zeros((CACHED_DIRECTIONS, 4)),
         np.empty((bodies, 8)),
         np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
     )
@@ -231,58 +226,71 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     Its last configuration must be proven free already.
     """
     chain, solids, parts, open_pairs = scene.chain, scene.solids, scratch.parts, scratch.open_pairs
-    pairs, nearest, longest, required = len(scene.pairs), 0, 0.0, required_distance(scene, q0, q1)
+    longest, required = 0.0, required_distance(scene, q0, q1)
     if not required < np.inf:  # NaN in a configuration makes it NaN, which proves nothing
         return False
-    for n in range(pairs):
+    for n in range(len(scene.pairs)):
         i, j = scene.pairs[n]
-        most, curvature_bound, turned = motion_bounds(
-            chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
-        )
-        scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2] = most, curvature_bound, turned
+        most, curve, turned = motion_bounds(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
+        scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2] = most, curve, turned
         scratch.not_nested[n], open_pairs[0, n] = False, True
         longest = max(longest, most)
     if longest == 0.0:
         return True
     parts[0, 0], parts[0, 1] = 0.0, 1.0
-    head, pending, measured = 0, 1, 0
-    while pending > 0:
-        pending -= 1
+    head, pending = 0, 1
+    for _ in range(MAX_DISTANCES_PER_EDGE):
         # Take the longest part, so that collisions are found early; the shortest if the queue is nearly full.
-        row = head if pending < MAX_PENDING_MOTIONS - 64 else (head + pending) % MAX_PENDING_MOTIONS
-        head = (head + 1) % MAX_PENDING_MOTIONS if row == head else head
+        pending -= 1
+        row = (head + pending) % MAX_PENDING_MOTIONS
+        if pending < MAX_PENDING_MOTIONS - 64:
+            row, head = head, (head + 1) % MAX_PENDING_MOTIONS
         first, last = parts[row, 0], parts[row, 1]
         half, center = 0.5 * (last - first), 0.5 * (first + last)
-        if measured == MAX_DISTANCES_PER_EDGE or half < MIN_ADVANCE:
+        if half < MIN_ADVANCE:
             return False
         forward_kinematics(chain, q0, q1, center, scratch.poses)
-        measured += 1
-        begin, undecided = nearest, False
-        for k in range(pairs):
-            n = (begin + k) % pairs
-            if not open_pairs[row, n]:
-                continue
-            # The second term bounds the motion of the rounding, a small part of the whole motion.
-            curvature_bound = half * (half * scratch.bounds[n, 1] + required * scratch.bounds[n, 2]) / ADVANCE_FACTOR
-            bounds = half / ADVANCE_FACTOR, curvature_bound, half * scratch.bounds[n, 0] / ADVANCE_FACTOR
-            slack = pair_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
-            open_pairs[row, n] = slack < 0.0
-            if slack < 0.0:
-                nearest, undecided = n, True
-                if slack == -np.inf:
-                    return False
-            if scratch.nodes[1, 0] and not scratch.not_nested[n]:
-                # While no boundaries meet, containment cannot change, so it is tested once.
-                if is_nested(scene, n, scratch, -1.0):
-                    return False
-                scratch.not_nested[n] = True
-        if undecided:
+        state = part_state(scene, open_pairs[row], half, required, scratch)
+        if state == BLOCKED:
+            return False
+        if state == MIXED:
             one, other = (head + pending) % MAX_PENDING_MOTIONS, (head + pending + 1) % MAX_PENDING_MOTIONS
             parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = first, center, center, last
-            for n in range(pairs):
+            for n in range(len(scene.pairs)):
                 open_pairs[one, n] = open_pairs[other, n] = open_pairs[row, n]
             pending += 2
-    return True
+        if pending == 0:
+            return True
+    return False
+
+
+@kernel
+def part_state(scene: Scene, is_open: Bools, half: float, required: float, scratch: SceneScratch) -> int:
+    """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
+
+    The poses are those of the center of the part, which extends to ``half`` of the motion before and after. Returns
+    BLOCKED if a pair is not apart there, else MIXED.
+    """
+    state = FREE
+    for n in range(len(scene.pairs)):
+        if not is_open[n]:
+            continue
+        most, curve, turned = scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2]
+        # The second term bounds the motion of the rounding, a small part of the whole motion.
+        curvature_bound = half * (half * curve + required * turned) / ADVANCE_FACTOR
+        bounds = half / ADVANCE_FACTOR, curvature_bound, half * most / ADVANCE_FACTOR
+        slack = pair_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
+        is_open[n] = slack < 0.0
+        if slack == -np.inf:
+            return BLOCKED
+        if slack < 0.0:
+            state = MIXED
+        if scratch.nodes[1, 0] and not scratch.not_nested[n]:
+            # While no boundaries meet, containment cannot change, so it is tested once.
+            if is_nested(scene, n, scratch, -1.0):
+                return BLOCKED
+            scratch.not_nested[n] = True
+    return state
 
 
 @kernel
@@ -300,10 +308,10 @@ def pair_slack(
     The pair's padding is required in addition. ``bounds`` are the time to either side, the largest deviation from the
     linear motion, and the largest displacement. ``axes`` are the joints of a box of configurations, none for a motion.
     """
-    solids, nodes, nearest, (half, curvature_bound, most) = scene.solids, scratch.nodes, scratch.nearest, bounds
+    solids, (half, curvature_bound, most) = scene.solids, bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
-        nodes[1, 0] = 0
+        scratch.nodes[1, 0] = 0
         return np.inf
     motion = relative_motion(
         scratch.poses[solids.bodies[i]],
@@ -313,10 +321,7 @@ def pair_slack(
         most,
         required + scene.padding[n],
     )
-    nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    slack = tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, nodes, scratch.directions)
-    nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
-    return slack
+    return tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, scratch.nodes)
 
 
 @kernel
@@ -342,7 +347,8 @@ def anchor_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_dept
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
-            if encloses(solids, surface, apply_pose(matrix, shift, row_at(solids.anchors[n], 0)), min_depth):
+            point = apply_pose(matrix, shift, row_at(solids.anchors[n], 0))
+            if encloses(solids.surfaces, solids.surface_roots[surface], point, min_depth, scratch.nodes):
                 return True
     return False
 
@@ -357,11 +363,11 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
     trees, one, other = solids.trees, scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]]
     (matrix, shift), (back, shift_back) = relative_pose(one, other), relative_pose(other, one)
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
-        whole = solids.boxes[surface]
+        root = solids.surface_roots[surface]
+        whole = solids.surfaces.boxes[root]
         # Search the tree for pieces near the box of the surface, in the frame of solid i.
-        center = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
-        half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
-        (x, y, z), (hx, hy, hz) = apply_pose(back, shift_back, center), box_extent(back, half)
+        x, y, z = apply_pose(back, shift_back, row_at(whole, 0))
+        hx, hy, hz = box_extent(back, row_at(whole, 3))
         for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
             nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
             while top > 1:
@@ -373,7 +379,8 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
                 if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
                     continue
                 if m == 1:
-                    if encloses(solids, surface, apply_pose(matrix, shift, row_at(trees.triangles[row], 0)), min_depth):
+                    point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
+                    if encloses(solids.surfaces, root, point, min_depth, nodes):
                         return True
                     continue
                 nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
@@ -382,25 +389,68 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
 
 
 @kernel
-def encloses(solids: Solids, surface: int, point: Row, min_depth: float) -> bool:
+def encloses(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
     """Return True if a point lies deep in a closed surface.
 
     It must be more than ``min_depth`` from the triangles. A negative ``min_depth`` skips the distances.
     """
-    x, y, z = point
-    box = solids.boxes[surface]
-    if not (box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]):
+    if winding_number(surfaces, root, point, nodes) == 0:
         return False
-    windings = 0
-    for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
-        windings += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
-    if windings == 0:
-        return False
-    if min_depth >= 0.0:  # distances cost more than windings, so they come second
-        for t in range(solids.surface_spans[surface, 0], solids.surface_spans[surface, 1]):
-            if point_triangle((x, y, z), solids.triangles[t]) <= min_depth:
-                return False
-    return True
+    return min_depth < 0.0 or nearest_triangle(surfaces, root, point, min_depth, nodes) > min_depth
+
+
+@kernel
+def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) -> int:
+    """Return how often a closed surface winds around a point: the signed crossings of an upward ray.
+
+    The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    (x, y, z), box, winding = point, surfaces.boxes[root], 0
+    rounding = TREE_ROUNDING * (box[3] + box[4] + box[5])
+    nodes[1, 1], top = root, 2
+    while top > 1:
+        top -= 1
+        b = nodes[top, 1]
+        around, (start, count) = surfaces.boxes[b], surfaces.spans[b]
+        # The ray crosses no triangle beside it or below its start.
+        if abs(x - around[0]) > around[3] + rounding or abs(y - around[1]) > around[4] + rounding:
+            continue
+        if z - around[2] > around[5] + rounding:
+            continue
+        if count == 1:
+            winding += signed_crossing(surfaces.triangles[start], x, y, z) * surfaces.windings[start]
+            continue
+        nodes[top, 1], nodes[top + 1, 1] = b + 1, b + 2 * (count // 2)
+        top += 2
+    return winding
+
+
+@kernel
+def nearest_triangle(surfaces: SurfaceTree, root: int, point: Row, enough: float, nodes: Ints) -> float:
+    """Return a point's distance from the nearest triangle of a surface.
+
+    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be returned. The
+    second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    nodes[1, 1], top, nearest = root, 2, np.inf
+    while top > 1:
+        top -= 1
+        b = nodes[top, 1]
+        # The larger boxes cover the rounding of boxes and distances.
+        if box_distance(surfaces.boxes[b], point) > min(enough, nearest) * (1.0 + TREE_ROUNDING):
+            continue
+        start, count = surfaces.spans[b]
+        if count == 1:
+            nearest = min(nearest, point_triangle(point, surfaces.triangles[start]))
+            if nearest < enough < np.inf:
+                break
+            continue
+        first, second = b + 1, b + 2 * (count // 2)
+        if box_distance(surfaces.boxes[first], point) < box_distance(surfaces.boxes[second], point):
+            first, second = second, first
+        nodes[top, 1], nodes[top + 1, 1] = first, second  # the nearer child comes first
+        top += 2
+    return nearest
 
 
 @kernel
@@ -413,75 +463,72 @@ def boundaries_cross(scene: Scene, n: int, axes: Floats, required: float, scratc
     solids = scene.solids
     i, j = scene.pairs[n]
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
-    known = scratch.crossing[n, 0], scratch.crossing[n, 1]
-    if known[0] >= 0 and parts_cross(solids.trees, known, matrix, shift, axes, required, scratch):
-        return True
     for one in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
         for other in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
             roots = solids.tree_roots[one], solids.tree_roots[other]
-            if roots[0] < 0 or roots[1] < 0:
-                continue
-            if parts_cross(solids.trees, roots, matrix, shift, axes, required, scratch):
-                scratch.crossing[n, 0], scratch.crossing[n, 1] = scratch.nodes[0, 0], scratch.nodes[0, 1]
+            if min(roots) >= 0 and parts_cross(solids.trees, roots, matrix, shift, axes, required, scratch.nodes):
                 return True
     return False
 
 
 @kernel
 def parts_cross(
-    trees: Trees,
-    roots: tuple[int, int],
-    matrix: Matrix,
-    shift: Row,
-    axes: Floats,
-    required: float,
-    scratch: SceneScratch,
+    trees: Trees, roots: tuple[int, int], matrix: Matrix, shift: Row, axes: Floats, required: float, nodes: Ints
 ) -> bool:
     """Return True if the boundary of one part provably crosses another part, given the roots of both.
 
-    The pose of the first part, and the ``axes``, are as seen from the second. Row 0 of ``scratch.nodes`` receives the
-    leaves that cross.
+    The pose of the first part, and the ``axes``, are as seen from the second. ``nodes`` is scratch, shape
+    (MAX_PENDING_PAIRS, 2).
     """
-    nodes = scratch.nodes
     nodes[1, 0], nodes[1, 1], top = roots[0], roots[1], 2
     is_filled = trees.triangles[trees.spans[roots[1], 0], 9] != 0.0
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
         box, against, (row, m), (piece, k) = trees.boxes[a], trees.boxes[b], trees.spans[a], trees.spans[b]
-        center, (hx, hy, hz) = apply_pose(matrix, shift, row_at(box, 0)), box_extent(matrix, row_at(box, 3))
-        x, y, z = minus(center, row_at(against, 0))
-        if abs(x) > hx + against[3] or abs(y) > hy + against[4] or abs(z) > hz + against[5]:
+        center, half = apply_pose(matrix, shift, row_at(box, 0)), box_extent(matrix, row_at(box, 3))
+        if boxes_are_apart(minus(center, row_at(against, 0)), half, row_at(against, 3)):
             continue
         if k == 1 and is_beyond_side(matrix, center, row_at(box, 3), trees.triangles[piece]):
             continue
         size, moved = math.sqrt(dot(row_at(box, 3), row_at(box, 3))), 0.0
+        other_size = against[3] + against[4] + against[5]
         if len(axes) > 0:
             # Triangles stay crossed only if both are larger than twice the displacement.
             moved = joint_displacement(axes, center, size if m == 1 else -size)
-            if against[3] + against[4] + against[5] <= moved or (size <= moved and not is_filled):
+            if other_size <= moved or (size <= moved and not is_filled):
                 continue
         if m == 1 and k == 1:
-            p, q = trees.triangles[row], trees.triangles[piece]
-            corners = (
-                apply_pose(matrix, shift, row_at(p, 0)),
-                apply_pose(matrix, shift, row_at(p, 3)),
-                apply_pose(matrix, shift, row_at(p, 6)),
-            )
-            nodes[0, 0], nodes[0, 1] = a, b
-            if q[9] != 0.0 and pierces(corners, q, required + moved):
+            if rows_cross(trees.triangles[row], trees.triangles[piece], matrix, shift, required, moved):
                 return True
-            if p[9] == 0.0 and q[9] == 0.0:
-                fixed = row_at(q, 0), row_at(q, 3), row_at(q, 6)
-                if crosses(corners, fixed, required, moved):
-                    return True
-        elif m == 1 or (k > 1 and against[3] + against[4] + against[5] > hx + hy + hz):
+        elif m == 1 or (k > 1 and other_size > half[0] + half[1] + half[2]):
             nodes[top, 1], nodes[top + 1, 0], nodes[top + 1, 1] = b + 1, a, b + 2 * (k // 2)
             top += 2
         else:
             nodes[top, 0], nodes[top + 1, 0], nodes[top + 1, 1] = a + 1, a + 2 * (m // 2), b
             top += 2
     return False
+
+
+@kernel
+def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
+    """Return True if two axis-aligned boxes are apart along an axis, given the offset of their centers."""
+    if abs(offset[0]) > half[0] + other_half[0] or abs(offset[1]) > half[1] + other_half[1]:
+        return True
+    return bool(abs(offset[2]) > half[2] + other_half[2])
+
+
+@kernel
+def rows_cross(p: Floats, q: Floats, matrix: Matrix, shift: Row, required: float, moved: float) -> bool:
+    """Return True if a triangle p, at a pose, provably crosses a triangle q, or enters a box or ball q."""
+    corners = (
+        apply_pose(matrix, shift, row_at(p, 0)),
+        apply_pose(matrix, shift, row_at(p, 3)),
+        apply_pose(matrix, shift, row_at(p, 6)),
+    )
+    if q[9] != 0.0:
+        return pierces(corners, q, required + moved)
+    return p[9] == 0.0 and crosses(corners, (row_at(q, 0), row_at(q, 3), row_at(q, 6)), required, moved)
 
 
 @kernel
@@ -516,7 +563,6 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
-            scratch.nearest[n, 0] = -1  # keeps the bound independent of earlier queries
             # A pair that is too near counts, even if its distance exceeds that of a pair with less padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
             slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)

@@ -1,279 +1,178 @@
-"""Scenes of links and obstacles, packed for kernels, that change without packing all parts again."""
+"""Scenes of links and obstacles, packed for kernels."""
 
 from __future__ import annotations
 
-import threading
-import weakref
-from collections.abc import Container, Hashable, Iterable, Mapping, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
 from cspace.arms.chain import Chain
 from cspace.arms.hulls import Hulls, join_roots
 from cspace.arms.proofs import Scene, Solids
-from cspace.arms.solids import PosedShape, Solid
+from cspace.arms.solids import PosedShape, Solid, SurfaceTree
 from cspace.arrays import Floats, Ints
 from cspace.exact import DISTANCE_ROUNDING
 from cspace.exact.triangles import Trees
 
-_SPARE_SHARE: Final = 0.25
-"""Rows that a new store has for parts that come later, as a share of the rows in use."""
 
-
-_MORE_SPARE_SHARE: Final = 1.0
-"""The same share for a store that replaces a full one, because its scene changes."""
-
-
-_MIN_SPARE_ROWS: Final = 256
-"""Smallest number of rows reserved."""
-
-_SHARED_SPARE_ROWS: Final = 50_000
-"""Rows that the store of an arm's links has for the obstacles of its scenes. They take memory once they are written."""
-
-
-class _PartRows(NamedTuple):
-    """Roots of a part in both trees, -1 for none, and the range of its triangles in the arrays of a store."""
-
-    root: int
-    tree_root: int
-    start: int
-    stop: int
-
-
-class PartStore:
-    """Arrays of parts, filled from the start.
-
-    Rows are never overwritten, so that kernels that read an earlier scene are not disturbed.
-
-    Parameters
-    ----------
-    counts : ndarray of int64, shape (5,)
-        Rows reserved at once: nodes and corners of hulls, nodes and rows of trees, triangles of surfaces.
-    spare_share : float
-        Further rows, as a share of these.
-    spare_rows : int
-        Further rows.
-
-    Attributes
-    ----------
-    hulls : Hulls
-    trees : Trees
-    triangles : ndarray of float64, shape (n, 3, 3)
-    windings : ndarray of int64, shape (n,)
-    """
-
-    def __init__(self, counts: Ints, spare_share: float = _SPARE_SHARE, spare_rows: int = _MIN_SPARE_ROWS) -> None:
-        self._sizes = (counts * (1.0 + spare_share)).astype(np.int64) + spare_rows
-        self._used, self._lock = counts, threading.Lock()
-        nodes, corners, tree_nodes, rows, triangles = self._sizes.tolist()
-        # Zeros take memory only once they are written, and keep old contents of the memory out of pickles.
-        self.hulls = Hulls(np.zeros((nodes, 9)), np.zeros((nodes, 5), dtype=np.int64), np.zeros((3, corners)))
-        spans = np.zeros((tree_nodes, 2), dtype=np.int64)
-        self.trees = Trees(np.zeros((tree_nodes, 7)), spans, np.zeros((rows, 10)))
-        self.triangles, self.windings = np.zeros((triangles, 3, 3)), np.zeros(triangles, dtype=np.int64)
-
-    def reserve(self, counts: Ints) -> Ints | None:
-        """Reserve rows; return the first, shape (5,), or None if full."""
-        with self._lock:
-            first, stop = self._used, self._used + counts
-            if (stop > self._sizes).any():
-                return None
-            self._used = stop
-        return first
-
-    @property
-    def is_half_full(self) -> bool:
-        """Whether some array has less than half its spare rows left."""
-        return bool((self._sizes - self._used < _SHARED_SPARE_ROWS // 2).any())
-
-    def write_part(self, part: PosedShape, first: Ints, with_hulls: bool) -> _PartRows:
-        """Write a part to reserved rows."""
-        node, corner, tree_node, row, triangle = first.tolist()
-        root = tree_root = -1
-        hulls = part.hulls if with_hulls else None
-        if hulls is not None and len(hulls.nodes):
-            root, stop = node, node + len(hulls.nodes)
-            shift = (hulls.nodes > 0) * np.array([node, corner, corner, 0, node])
-            shift[:, 1] = shift[:, 2]
-            self.hulls.boxes[node:stop], self.hulls.nodes[node:stop] = hulls.boxes, hulls.nodes + shift
-            self.hulls.corners[:, corner : corner + hulls.corners.shape[1]] = hulls.corners
-        tree = part.tree
-        if len(tree.boxes):
-            tree_root, stop = tree_node, tree_node + len(tree.boxes)
-            self.trees.boxes[tree_node:stop], self.trees.spans[tree_node:stop] = tree.boxes, tree.spans
-            self.trees.spans[tree_node:stop, 0] += row
-            self.trees.triangles[row : row + len(tree.triangles)] = tree.triangles
-        corners, windings = part.surface
-        stop = triangle + len(corners)
-        self.triangles[triangle:stop], self.windings[triangle:stop] = corners, windings
-        return _PartRows(root, tree_root, triangle, stop)
-
-    def join(self, roots: Ints, start: int) -> None:
-        """Write the nodes above several roots to reserved rows."""
-        stop = start + len(roots) - 1
-        self.hulls.boxes[start:stop], self.hulls.nodes[start:stop] = join_roots(self.hulls.boxes[roots], roots, start)
-
-
-class PackedSolids(NamedTuple):
-    """Solids in a store.
-
-    Attributes
-    ----------
-    solids : tuple of Solid
-    store : PartStore
-    rows : dict of PosedShape to _PartRows
-        Rows of the outer and inner shapes of all parts.
-    roots : dict of tuple of PosedShape to int
-        Root of the hulls of each solid, by its parts; -1 if it is empty.
-    """
-
-    solids: tuple[Solid, ...]
-    store: PartStore
-    rows: Mapping[PosedShape, _PartRows]
-    roots: Mapping[tuple[PosedShape, ...], int]
-
-
-def pack_solids(
-    solids: Sequence[Solid], before: PackedSolids | None = None, spare_rows: int = _MIN_SPARE_ROWS
-) -> PackedSolids:
-    """Pack solids.
-
-    Parts that were packed before keep their rows, if the new parts fit behind them. Otherwise all go to a new store.
-    """
-    pairs = [part.bounds_pair for solid in solids for part in solid.parts]
-    outer = dict.fromkeys(pair[0] for pair in pairs)
-    parts = [*outer, *(inner for bound, inner in pairs if inner is not bound)]
-    joined = dict.fromkeys(solid.parts for solid in solids)
-    known, first = before, None
-    if known is not None:
-        new = [part for part in parts if part not in known.rows]
-        counts = _count_rows(new, outer, [each for each in joined if each not in known.roots])
-        first = known.store.reserve(counts.sum(axis=0))
-    if known is None or first is None:
-        counts = _count_rows(parts, outer, joined)
-        first = np.array([1, 0, 0, 0, 0])  # no child may be node 0, because that marks leaves
-        share = _SPARE_SHARE if before is None else _MORE_SPARE_SHARE
-        known = PackedSolids((), PartStore(first + counts.sum(axis=0), share, spare_rows), {}, {})
-    rows, roots, store = {}, {}, known.store
-    starts = iter(first + np.cumsum(counts, axis=0) - counts)
-    for part in parts:
-        rows[part] = known.rows[part] if part in known.rows else store.write_part(part, next(starts), part in outer)
-    node = int(next(starts)[0])
-    for group in joined:
-        if group in known.roots:
-            roots[group] = known.roots[group]
-            continue
-        filled = [root for part in group if (root := rows[part.bounds_pair[0]].root) >= 0]
-        roots[group] = filled[0] if len(filled) == 1 else node if filled else -1
-        if len(filled) > 1:
-            store.join(np.array(filled), node)
-            node += len(filled) - 1
-    return PackedSolids(tuple(solids), store, rows, roots)
-
-
-class LinkStores:
-    """Stores for the links and obstacles of an arm's scenes.
-
-    So a new scene copies no link. An arm gets a new store once its store is half full; scenes keep theirs.
-    """
-
-    def __init__(self) -> None:
-        self._packed = weakref.WeakKeyDictionary[Hashable, PackedSolids]()
-        self._lock = threading.Lock()
-
-    def pack(self, arm: Hashable, links: Sequence[Solid], solids: Sequence[Solid]) -> PackedSolids:
-        """Pack the solids of an arm's new scene."""
-        with self._lock:
-            known = self._packed.get(arm)
-            if known is None or known.store.is_half_full:
-                known = self._packed[arm] = pack_solids(links, spare_rows=_SHARED_SPARE_ROWS)
-        return pack_solids(solids, known)
-
-
-def _count_rows(
-    parts: Sequence[PosedShape], outer: Container[PosedShape], joined: Iterable[tuple[PosedShape, ...]]
-) -> Ints:
-    """Return how many rows of each array of a store each part needs, shape (n + 1, 5); last the nodes above parts."""
-    counts = np.zeros((len(parts) + 1, 5), dtype=np.int64)
-    for count, part in zip(counts, parts, strict=False):
-        if part in outer:
-            count[:2] = len(part.hulls.nodes), part.hulls.corners.shape[1]
-        count[2:] = len(part.tree.boxes), len(part.tree.triangles), len(part.surface[0])
-    counts[-1, 0] = sum(map(len, joined))
-    return counts
-
-
-def make_scene(chain: Chain, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]], margin: float = 0.0) -> Scene:
-    """Return a scene of the outer shapes.
-
-    Solids of a pair, given by their indices, may not touch.
-    """
-    return make_outer_scene(chain, pack_solids(solids), pairs, np.zeros(len(pairs)), margin)
-
-
-def make_outer_scene(
-    chain: Chain, packed: PackedSolids, pairs: Sequence[tuple[int, int]], padding: Floats, margin: float
+def make_scene(
+    chain: Chain,
+    solids: Sequence[Solid],
+    pairs: Sequence[tuple[int, int]],
+    padding: Floats | None = None,
+    margin: float = 0.0,
 ) -> Scene:
     """Return the scene of outer shapes, which proves FREE.
 
     Pairs of solids, given by their indices, must be farther apart than the margin and their padding, shape (p,).
     """
-    solids = _select_side(packed, 0)
-    max_coordinate = _max_coordinate(chain, solids)
+    parts = [part.bounds_pair[0] for solid in solids for part in solid.parts]
+    packed = _pack(solids, parts, [part.anchors for part in parts], *_pack_hulls(solids))
+    max_coordinate = _max_coordinate(chain, packed)
     required = margin + 2.0 * DISTANCE_ROUNDING * max_coordinate
-    return Scene(chain, solids, np.array(pairs, dtype=np.int64).reshape(-1, 2), padding, max_coordinate, required)
+    numbers = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    extra = np.zeros(len(numbers)) if padding is None else padding
+    return Scene(chain, packed, numbers, extra, max_coordinate, required)
 
 
-def make_inner_scene(scene: Scene, packed: PackedSolids) -> Scene:
-    """Return the scene with inner shapes, which proves collisions.
+def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
+    """Return the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
 
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as much again for the
     rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
     """
-    solids = _select_side(packed, 1, scene.solids)
-    is_same = solids.tree_roots is scene.solids.tree_roots
-    max_coordinate = scene.max_coordinate if is_same else _max_coordinate(scene.chain, solids)
+    pairs = [part.bounds_pair for solid in solids for part in solid.parts]
+    parts = [inner for _, inner in pairs]
+    points = [part.probes for part in parts]
+    outer = scene.solids
+    if all(inner is bound for bound, inner in pairs):
+        anchors, starts = _pack_points(solids, parts, points)
+        packed = outer._replace(anchors=anchors, starts=starts)
+    else:
+        packed = _pack(solids, parts, points, outer.hulls, outer.roots, outer.part_roots)
+    max_coordinate = _max_coordinate(scene.chain, packed)
     required = 4.0 * DISTANCE_ROUNDING * max_coordinate
-    return Scene(scene.chain, solids, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required)
+    return Scene(scene.chain, packed, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required)
 
 
-def _select_side(packed: PackedSolids, side: int, outer: Solids | None = None) -> Solids:
-    """Return packed solids as kernels take them.
-
-    ``side`` 0 selects their outer shapes, 1 their inner shapes, both with the hulls of outer shapes. Anchors of outer
-    shapes are one point per connected part; anchors of inner shapes are :attr:`PosedShape.probes`. If all shapes are
-    exact, the rest is that of ``outer``.
-    """
-    store, pairs = packed.store, [part.bounds_pair for solid in packed.solids for part in solid.parts]
-    rows = [packed.rows[pair[side]] for pair in pairs]
-    points = [pair[side].probes if side else pair[side].anchors for pair in pairs]
-    counts = [(row.stop > row.start, len(each), 1) for row, each in zip(rows, points, strict=True)]
-    first_parts = np.cumsum([0, *(len(solid.parts) for solid in packed.solids)], dtype=np.int64)
-    starts = np.cumsum([(0, 0, 0), *counts], axis=0, dtype=np.int64)[first_parts]
-    anchors = np.concatenate([np.empty((0, 3)), *(each for each in points if len(each))])
-    if outer is not None and all(pair[0] is pair[1] for pair in pairs):
-        return outer._replace(anchors=anchors, starts=starts)
-    closed = [(row, pair[side].surface_box) for row, pair in zip(rows, pairs, strict=True) if row.stop > row.start]
-    filled = [pair[side].is_filled and row.tree_root >= 0 for pair, row in zip(pairs, rows, strict=True)]
-    roots = np.array([packed.roots[solid.parts] for solid in packed.solids], dtype=np.int64)
-    boxes = store.hulls.boxes[roots] * (roots >= 0)[:, None]
+def _pack(
+    solids: Sequence[Solid],
+    parts: Sequence[PosedShape],
+    points: Sequence[Floats],
+    hulls: Hulls,
+    roots: Ints,
+    part_roots: Ints,
+) -> Solids:
+    """Return solids whose parts are ``parts``, with the anchors ``points`` of each part."""
+    trees, tree_roots = _pack_trees(parts)
+    surfaces, surface_roots = _pack_surfaces(parts)
+    filled = [any(part.is_filled and len(part.tree.boxes) for part in own) for own in _split(solids, parts)]
+    anchors, starts = _pack_points(solids, parts, points)
+    boxes = hulls.boxes[roots] * (roots >= 0)[:, np.newaxis]
     return Solids(
-        bodies=np.array([solid.body for solid in packed.solids], dtype=np.int64),
-        hulls=store.hulls,
+        bodies=np.array([solid.body for solid in solids], dtype=np.int64),
+        hulls=hulls,
         roots=roots,
-        part_roots=np.array([packed.rows[pair[0]].root for pair in pairs], dtype=np.int64),
+        part_roots=part_roots,
         levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
-        trees=store.trees,
-        tree_roots=np.array([row.tree_root for row in rows], dtype=np.int64),
-        triangles=store.triangles,
-        windings=store.windings,
-        boxes=np.array([box for _, box in closed]).reshape(-1, 6),
-        surface_spans=np.array([(row.start, row.stop) for row, _ in closed], dtype=np.int64).reshape(-1, 2),
+        trees=trees,
+        tree_roots=tree_roots,
+        surfaces=surfaces,
+        surface_roots=surface_roots,
         anchors=anchors,
-        has_solids=np.diff(np.cumsum([False, *filled])[first_parts]) > 0,
+        has_solids=np.array(filled, dtype=np.bool_),
         starts=starts,
     )
+
+
+def _split(solids: Sequence[Solid], parts: Sequence[PosedShape]) -> list[Sequence[PosedShape]]:
+    """Return the parts of each solid."""
+    stops = np.cumsum([len(solid.parts) for solid in solids]).tolist()
+    return [parts[stop - len(solid.parts) : stop] for solid, stop in zip(solids, stops, strict=True)]
+
+
+def _pack_points(solids: Sequence[Solid], parts: Sequence[PosedShape], points: Sequence[Floats]) -> tuple[Floats, Ints]:
+    """Return the points of all parts, and the first surface, point and part of each solid, shape (s + 1, 3)."""
+    counts = [(len(part.surface[0]) > 0, len(each), 1) for part, each in zip(parts, points, strict=True)]
+    before_parts = np.cumsum([(0, 0, 0), *counts], axis=0, dtype=np.int64)
+    first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
+    return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
+
+
+def _pack_trees(parts: Sequence[PosedShape]) -> tuple[Trees, Ints]:
+    """Join the trees of parts in one record; return the root of each part too, -1 for none."""
+    boxes, spans, rows = [np.empty((0, 7))], [np.empty((0, 2), dtype=np.int64)], [np.empty((0, 10))]
+    roots = list[int]()
+    nodes = row = 0
+    for part in parts:
+        tree = part.tree
+        roots.append(nodes if len(tree.boxes) else -1)
+        boxes.append(tree.boxes)
+        spans.append(tree.spans + np.array([row, 0]))
+        rows.append(tree.triangles)
+        nodes += len(tree.boxes)
+        row += len(tree.triangles)
+    joined = Trees(np.concatenate(boxes), np.concatenate(spans), np.concatenate(rows))
+    return joined, np.array(roots, dtype=np.int64)
+
+
+def _pack_surfaces(parts: Sequence[PosedShape]) -> tuple[SurfaceTree, Ints]:
+    """Join the trees of closed surfaces in one record; return the root of each surface too."""
+    boxes, spans = [np.empty((0, 6))], [np.empty((0, 2), dtype=np.int64)]
+    triangles, windings = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
+    roots = list[int]()
+    nodes = row = 0
+    for part in parts:
+        if not len(part.surface[0]):
+            continue
+        tree = part.surface_tree
+        roots.append(nodes)
+        boxes.append(tree.boxes)
+        spans.append(tree.spans + np.array([row, 0]))
+        triangles.append(tree.triangles)
+        windings.append(tree.windings)
+        nodes += len(tree.boxes)
+        row += len(tree.triangles)
+    joined = SurfaceTree(
+        np.concatenate(boxes), np.concatenate(spans), np.concatenate(triangles), np.concatenate(windings)
+    )
+    return joined, np.array(roots, dtype=np.int64)
+
+
+def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
+    """Join the hulls of the outer shapes of all parts in one record.
+
+    Also returns the root of each solid, above its parts, and the root of each part; -1 for none.
+    """
+    # No child may be node 0, because that marks leaves.
+    boxes, nodes, corners = [np.zeros((1, 9))], [np.zeros((1, 5), dtype=np.int64)], [np.empty((3, 0))]
+    roots, part_roots = list[int](), list[int]()
+    count, corner = 1, 0
+    for solid in solids:
+        own, own_boxes = list[int](), list[Floats]()
+        for part in solid.parts:
+            hulls = part.bounds_pair[0].hulls
+            size = len(hulls.nodes)
+            part_roots.append(count if size else -1)
+            if not size:
+                continue
+            shifts = np.where(hulls.nodes > 0, (count, corner, corner, 0, count), 0)
+            shifts[:, 1] = shifts[:, 2]  # the range of a hull's corners may start at 0
+            own.append(count)
+            own_boxes.append(hulls.boxes[0])
+            boxes.append(hulls.boxes)
+            nodes.append(hulls.nodes + shifts)
+            corners.append(hulls.corners)
+            count += size
+            corner += hulls.corners.shape[1]
+        roots.append(-1 if not own else own[0] if len(own) == 1 else count)
+        if len(own) > 1:
+            above, links = join_roots(np.array(own_boxes), np.array(own), count)
+            boxes.append(above)
+            nodes.append(links)
+            count += len(links)
+    joined = Hulls(np.concatenate(boxes), np.concatenate(nodes), np.concatenate(corners, axis=1))
+    return joined, np.array(roots, dtype=np.int64), np.array(part_roots, dtype=np.int64)
 
 
 def _max_coordinate(chain: Chain, solids: Solids) -> float:

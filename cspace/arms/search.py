@@ -12,7 +12,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.proofs import Scene, SceneScratch, make_scene_scratch, motion_is_free, point_is_free
+from cspace.arms.proofs import (
+    Scene,
+    SceneScratch,
+    make_scene_scratch,
+    motion_is_free,
+    motions_are_free,
+    point_is_free,
+)
 from cspace.arrays import Floats, Ints
 from cspace.compiling import clock, kernel
 
@@ -113,71 +120,17 @@ def extend_tree(forest: Forest, scene: Scene, side: int, near: int, q: Floats, s
 
 
 @kernel
-def is_within(q0: Floats, q1: Floats, spans: Floats) -> bool:
-    """Return True if no joint moves beyond its span."""
-    within = True
-    for d in range(len(q0)):
-        within &= abs(q1[d] - q0[d]) <= spans[d]
-    return within
-
-
-@kernel
-def connect_path(
-    scene: Scene,
-    forest: Forest,
-    first: int,
-    second: int,
-    scratch: SceneScratch,
-    straight: bool,
-    spans: Floats,
-    path: Floats,
-) -> int:
-    """Write the path through the two nodes where the trees meet.
-
-    Returns its number of rows. If ``straight``, skip nodes that straight motions within the spans of the joints do not
-    need.
-    """
-    stop = 0
-    for side in range(2):
-        at = second if side else first
-        while at >= 0:
-            for d in range(path.shape[1]):
-                path[stop, d] = forest.nodes[side, at, d]
-            at, stop = forest.parents[side, at], stop + 1
-        if side == 0:
-            # Reverse the first half so that it starts at the root, and drop the shared node.
-            for k in range(stop // 2):
-                for d in range(path.shape[1]):
-                    path[k, d], path[stop - 1 - k, d] = path[stop - 1 - k, d], path[k, d]
-            stop -= 1
-    here, rows = 0, 1
-    while here < stop - 1:
-        ahead = stop - 1 if straight else here + 1
-        while ahead > here + 1 and not (
-            is_within(path[rows - 1], path[ahead], spans)
-            and motion_is_free(scene, path[rows - 1], path[ahead], scratch)
-        ):
-            ahead = here + (ahead - here) // 2
-        for d in range(path.shape[1]):
-            path[rows, d] = path[ahead, d]
-        here, rows = ahead, rows + 1
-    return rows
-
-
-@kernel
-def grow_trees(
-    scene: Scene, forest: Forest, samples: Floats, scratch: SceneScratch, straight: bool, spans: Floats, path: Floats
-) -> tuple[int, int]:
+def grow_trees(scene: Scene, forest: Forest, samples: Floats, scratch: SceneScratch) -> tuple[int, int, int]:
     """Grow the smaller tree towards each sample, shape (n, dof).
 
-    Returns the number of samples used, and the length of the path, 0 if the trees have not met. It stops after
+    Returns the number of samples used, and the nodes of both trees that meet, -1 if none do. It stops after
     TRIES_PER_CLOCK_CHECK attempts, or if the capacity is nearly used up.
     """
     capacity, tries = forest.nodes.shape[1], 0
     for k in range(len(samples)):
         side = 0 if forest.counts[0] <= forest.counts[1] else 1
         if tries == TRIES_PER_CLOCK_CHECK or max(forest.counts[0], forest.counts[1]) + 2 >= capacity:
-            return k, 0
+            return k, -1, -1
         near, far = nearest_node(forest, side, samples[k])
         if far > forest.reaches[side, near]:
             continue
@@ -191,134 +144,8 @@ def grow_trees(
         while at >= 0 and far > 0.0 and forest.counts[other] + 1 < capacity:
             at, far = extend_tree(forest, scene, other, at, target, scratch), far - MAX_STRIDE
         if at >= 0 and far <= 0.0:
-            first, second = (new, at) if side == 0 else (at, new)
-            return k + 1, connect_path(scene, forest, first, second, scratch, straight, spans, path)
-    return len(samples), 0
-
-
-@kernel
-def joint_distance(q0: Floats, q1: Floats) -> float:
-    """Return the length of a motion in the joints."""
-    square = 0.0
-    for d in range(len(q0)):
-        square += (q1[d] - q0[d]) ** 2
-    return math.sqrt(square)
-
-
-@kernel
-def path_length(path: Floats, rows: int) -> float:
-    """Return the length of the first rows of a path."""
-    length = 0.0
-    for k in range(rows - 1):
-        length += joint_distance(path[k], path[k + 1])
-    return length
-
-
-@kernel
-def copy_point(path: Floats, position: float, out: Floats) -> None:
-    """Write the configuration at a position, counted in rows."""
-    k, share = int(position), position - int(position)
-    for d in range(len(out)):
-        # The row after the last one may be uninitialised.
-        out[d] = (1.0 - share) * path[k, d] + share * path[k + 1, d] if share > 0.0 else path[k, d]
-
-
-@kernel
-def copy_part(path: Floats, first: float, last: float, part: Floats) -> int:
-    """Write the part of a path between two positions.
-
-    The waypoints before and after frame it. Returns its number of rows.
-    """
-    count = 0
-    copy_point(path, math.floor(first), part[0])
-    copy_point(path, first, part[1])
-    for k in range(math.floor(first) + 1, math.ceil(last)):
-        copy_point(path, k, part[2 + count])
-        count += 1
-    copy_point(path, last, part[2 + count])
-    copy_point(path, math.ceil(last), part[3 + count])
-    return 4 + count
-
-
-@kernel
-def pull_part(part: Floats, count: int, joint: int, weight: float) -> int:
-    """Pull the inner waypoints of a framed part towards its straight motion.
-
-    ``weight`` is at most 1. Only one joint moves, or all if ``joint`` is -1. Returns the number of rows.
-    """
-    low, high = 1, count - 2
-    if joint < 0 and weight == 1.0:
-        copy_point(part, high, part[2])
-        copy_point(part, high + 1, part[3])
-        return 4
-    whole = path_length(part, high + 1) - joint_distance(part[0], part[low])
-    along = joint_distance(part[low], part[low + 1])
-    for k in range(low + 1, high):
-        step = joint_distance(part[k], part[k + 1])
-        for d in range(part.shape[1]):
-            if joint < 0 or d == joint:
-                straight = part[low, d] + along / whole * (part[high, d] - part[low, d])
-                part[k, d] += weight * (straight - part[k, d])
-        along += step
-    return count
-
-
-@kernel
-def part_is_free(scene: Scene, part: Floats, count: int, spans: Floats, scratch: SceneScratch) -> bool:
-    """Return True if a part between proven waypoints is proven free."""
-    for k in range(1, count - 1):
-        if not point_is_free(scene, part[k], scratch):
-            return False
-    for k in range(count - 1):
-        if not is_within(part[k], part[k + 1], spans) or not motion_is_free(scene, part[k], part[k + 1], scratch):
-            return False
-    return True
-
-
-@kernel
-def replace_part(path: Floats, rows: int, first: float, last: float, part: Floats, count: int) -> int:
-    """Replace a framed part of a path, without repeated waypoints.
-
-    Returns the number of rows of the path.
-    """
-    start, kept = int(first), 1
-    for k in range(1, count):
-        if joint_distance(part[kept - 1], part[k]) > 0.0:
-            copy_point(part, k, part[kept])
-            kept += 1
-    for k in range(math.ceil(last) + 1, rows):
-        copy_point(path, k, part[kept])
-        kept += 1
-    for k in range(kept):
-        copy_point(part, k, path[start + k])
-    return start + kept
-
-
-@kernel
-def pull_path(
-    scene: Scene, path: Floats, rows: int, draws: Floats, spans: Floats, part: Floats, scratch: SceneScratch
-) -> int:
-    """Pull random parts of a path straight where proven free.
-
-    Each row of ``draws``, shape (n, 5) in [0, 1), chooses one part: its ends, whether they are waypoints, the joint and
-    the weight. ``part`` is scratch, of the shape of ``path``. Returns the number of rows.
-    """
-    size = path.shape[1]
-    for k in range(len(draws)):
-        if rows < 3 or rows + 3 > len(path):
-            break
-        first, last = draws[k, 0] * (rows - 1), draws[k, 1] * (rows - 1)
-        if draws[k, 2] < WAYPOINT_SHARE:
-            first, last = float(round(first)), float(round(last))
-        first, last = min(first, last), max(first, last)
-        count = copy_part(path, first, last, part)
-        if count < 5:
-            continue
-        joint, before = int(2.0 * size * draws[k, 3]), path_length(part, count)
-        count = pull_part(part, count, joint if joint < size else -1, min(2.0 * draws[k, 4], 1.0))
-        if path_length(part, count) < before - MIN_PULL and part_is_free(scene, part, count, spans, scratch):
-            rows = replace_part(path, rows, first, last, part, count)
-    return rows
+            return (k + 1, new, at) if side == 0 else (k + 1, at, new)
+    return len(samples), -1, -1
 
 
 class PathSearch:
@@ -413,18 +240,38 @@ class PathSearch:
         straight: bool,
     ) -> Floats:
         """Grow two trees until they meet on a path below ``length``, or until ``end``."""
-        forest, rows, batches = _plant_trees(self._start, goals), 0, 0
-        path = np.empty(forest.nodes[0].shape)
-        while not rows and batches < max_batches and clock() < end:
+        forest, first, second, batches = _plant_trees(self._start, goals), -1, -1, 0
+        while first < 0 and batches < max_batches and clock() < end:
             if len(samples) < TRIES_PER_CLOCK_CHECK:
                 samples = np.concatenate([samples, self._sample(goals, length)])
-            used, rows = grow_trees(self._scene, forest, samples, self._scratch, straight, self._spans, path)
+            used, first, second = grow_trees(self._scene, forest, samples, self._scratch)
             samples, batches = samples[used:], batches + 1
             if forest.counts.max() + 2 >= forest.nodes.shape[1]:
                 forest = _double_capacity(forest)
-                path = np.empty(forest.nodes[0].shape)
         self._batches.append(batches)
-        return path[:rows]
+        if first < 0:
+            return goals[:0]
+        path = np.array([*_branch(forest, 0, first)[::-1], *_branch(forest, 1, second)[1:]])
+        return self._skip_waypoints(path) if straight else path
+
+    def _skip_waypoints(self, path: Floats) -> Floats:
+        """Return a path without the waypoints that straight motions do not need."""
+        rows, here, last = [0], 0, len(path) - 1
+        while here < last:
+            ahead = last
+            while ahead > here + 1 and not self._is_free(path[[here, ahead]]):
+                ahead = here + (ahead - here) // 2
+            here = ahead
+            rows.append(here)
+        return path[rows]
+
+    def _is_free(self, path: Floats) -> bool:
+        """Return True if all motions from a free configuration are within the spans and proven free."""
+        if (np.abs(np.diff(path, axis=0)) > self._spans).any():
+            return False
+        free = np.empty(len(path) - 1, dtype=np.bool_)
+        motions_are_free(self._scene, path[:-1], path[1:], free, self._scratch)
+        return bool(free.all())
 
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.
@@ -450,14 +297,60 @@ class PathSearch:
 
     def _pull(self, path: Floats) -> Floats:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
-        rows = len(path)
-        pulled = np.concatenate([path, np.empty((rows + 2 * PULLS_PER_BATCH, path.shape[1]))])
-        part, length, last = np.empty_like(pulled), _length(path), math.inf
-        while rows > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
-            draws, last = self._rng.random((PULLS_PER_BATCH, 5)), length
-            rows = pull_path(self._scene, pulled, rows, draws, self._spans, part, self._scratch)
-            length = _length(pulled[:rows])
-        return pulled[:rows].copy()
+        length, last = _length(path), math.inf
+        while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
+            for _ in range(PULLS_PER_BATCH):
+                path = self._pull_part(path)
+            length, last = _length(path), length
+        return path
+
+    def _pull_part(self, path: Floats) -> Floats:
+        """Pull a random part of a path towards its straight motion, where that is shorter and proven free.
+
+        All joints of the part move, or a single one.
+        """
+        first, last = np.sort(self._rng.uniform(0, len(path) - 1, 2))
+        if self._rng.random() < WAYPOINT_SHARE:
+            first, last = np.rint((first, last))
+        start, stop = math.floor(first), math.ceil(last)
+        part = np.concatenate([_point_at(path, first), path[start + 1 : stop], _point_at(path, last)])
+        if len(part) < 3:
+            return path
+        along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
+        straight = part[0] + along[:, np.newaxis] / max(along[-1], MIN_PULL) * (part[-1] - part[0])
+        joint, weight = self._rng.integers(2 * path.shape[1]), min(2.0 * self._rng.random(), 1.0)
+        if joint < path.shape[1]:
+            part[1:-1, joint] += weight * (straight - part)[1:-1, joint]
+        elif weight < 1.0:
+            part[1:-1] += weight * (straight - part)[1:-1]
+        else:
+            part = part[[0, -1]]
+        framed = _drop_repeated(np.concatenate([path[start : start + 1], part, path[stop : stop + 1]]))
+        if _length(framed) > _length(path[start : stop + 1]) - MIN_PULL or not self._is_free(framed):
+            return path
+        return np.concatenate([path[:start], framed, path[stop + 1 :]])
+
+
+def _point_at(path: Floats, position: float) -> Floats:
+    """Return the configuration at a position that is counted in rows, shape (1, dof)."""
+    row = min(int(position), len(path) - 2)
+    share = position - row
+    return np.asarray((1.0 - share) * path[row : row + 1] + share * path[row + 1 : row + 2])
+
+
+def _drop_repeated(path: Floats) -> Floats:
+    """Return a path without rows that are equal to the row before."""
+    differs = np.append(True, (path[1:] != path[:-1]).any(axis=1))
+    return np.asarray(path[differs])
+
+
+def _branch(forest: Forest, side: int, node: int) -> list[Floats]:
+    """Return the configurations from a node to its root."""
+    rows = []
+    while node >= 0:
+        rows.append(forest.nodes[side, node])
+        node = int(forest.parents[side, node])
+    return rows
 
 
 def _length(path: Floats) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are read when they are first used
@@ -13,17 +13,14 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.chain import FIXED, body_poses
 from cspace.arms.hulls import node_corners
-from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, measure_arm_reach, sort_pair
+from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
-from cspace.arms.scenes import LinkStores, PackedSolids, make_inner_scene, make_outer_scene, pack_solids
+from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
-from cspace.arrays import Bools, Floats, Ints
-from cspace.errors import ConfigurationError, InputError
+from cspace.arrays import Floats, Ints
+from cspace.errors import ConfigurationError
 from cspace.map.batches import as_contiguous
 from cspace.threads import in_chunks
-
-_LINK_STORES: Final = LinkStores()
-"""Stores of the arms that have a scene."""
 
 MIN_MOTIONS_PER_THREAD: Final = 20
 """Motions per thread below which a further thread costs more time than it saves."""
@@ -60,20 +57,6 @@ class Group(NamedTuple):
     is_obstacle: bool
 
 
-_GroupKey: TypeAlias = tuple[tuple[Solid, ...], float]
-"""Members and padding of a group."""
-
-
-class LinkGroups(NamedTuple):
-    """Groups of links, and pairs that may not touch.
-
-    Pairs are indices of groups.
-    """
-
-    groups: tuple[Group, ...]
-    pairs: list[tuple[int, int]]
-
-
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """An arm among obstacles at one moment.
@@ -93,10 +76,8 @@ class Snapshot:
         Size of the largest part of a link, metres.
     static : mapping of str to Solid
         The obstacles as solids.
-    links : LinkGroups
     groups : tuple of Group
         Those of links, then those of obstacles.
-    packed : PackedSolids
     outer : Scene
         It proves FREE by outer shapes.
     inner : Scene
@@ -110,9 +91,7 @@ class Snapshot:
     margin: float
     reach: float
     static: Mapping[str, Solid]
-    links: LinkGroups
     groups: tuple[Group, ...]
-    packed: PackedSolids
     outer: Scene
     inner: Scene
 
@@ -174,67 +153,25 @@ def make_snapshot(
 ) -> Snapshot:
     """Return a snapshot; see :class:`Snapshot` for the arguments.
 
-    What did not change is taken from an earlier snapshot; the result is that without one.
+    Obstacles that did not change are taken from an earlier snapshot; the result is that without one.
 
     Raises
     ------
-    InputError
-        If the arm reaches beyond the radius of a plane.
     ConfigurationError
         As :func:`build_arm_space`.
     """
-    _check_planes(arm, obstacles, padding, margin)
-    allowed, may_touch = frozenset(allowed), arm.allowed_collisions.keys() | frozenset(allowed)
-    reach = _measure_reach(arm) if before is None or before.arm is not arm else before.reach
+    reach = _measure_reach(arm)
     static = {name: _place_static(name, each, reach, before) for name, each in obstacles.items() if each is not None}
-    known = {} if before is None else {(group.members, group.padding): group for group in before.groups}
-    if before is None or not _has_same_links(before, arm, allowed, padding):
-        links = _group_links(arm.links, may_touch, padding, known)
-    else:
-        links = before.links
-    groups, pairs, fixed = list(links.groups), list(links.pairs), list[tuple[int, int]]()
-    for group in _group_obstacles(static.values(), {link.name for link in arm.links}, may_touch, padding, known):
-        for number, other in enumerate(links.groups):
-            if sort_pair(other.members[0].name, group.members[0].name) not in may_touch:
-                (pairs if other.solid.body else fixed).append((number, len(groups)))
-        groups.append(group)
-    # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
-    pairs.sort(key=lambda pair: (groups[pair[1]].solid.body != 0, -groups[pair[0]].solid.body))
-    extra = _pad_pairs(groups, pairs)
+    may_touch = arm.allowed_collisions.keys() | frozenset(allowed)
+    groups = _group(arm.links, may_touch, padding, False) + _group(list(static.values()), may_touch, padding, True)
+    pairs, fixed = _pair_groups(groups, may_touch)
     solids = [group.solid for group in groups]
-    packed = _LINK_STORES.pack(arm, arm.links, solids) if before is None else pack_solids(solids, before.packed)
-    outer = make_outer_scene(arm.chain, packed, pairs, extra, margin)
-    inner = make_inner_scene(outer, packed)
-    made = Snapshot(arm, obstacles, allowed, padding, margin, reach, static, links, tuple(groups), packed, outer, inner)
-    # Pairs of groups that were tested before need no further test.
-    tested = set[int]()
-    if before is not None and before.arm.allowed_collisions.keys() | before.allowed <= may_touch:
-        tested = {id(group) for group in before.groups}
-    is_new = [id(group) not in tested for group in groups]
-    new_fixed = [pair for pair in fixed if is_new[pair[0]] or is_new[pair[1]]]
-    _refuse_fixed(made, new_fixed, _pad_pairs(groups, new_fixed))
-    _refuse_always(made, np.array([is_new[i] or is_new[j] for i, j in pairs], dtype=np.bool_))
+    outer = make_scene(arm.chain, solids, pairs, _pad_pairs(groups, pairs), margin)
+    inner = make_inner_scene(outer, solids)
+    made = Snapshot(arm, obstacles, frozenset(allowed), padding, margin, reach, static, tuple(groups), outer, inner)
+    _refuse_fixed(made, fixed, _pad_pairs(groups, fixed))
+    _refuse_always(made)
     return made
-
-
-def _check_planes(
-    arm: Arm, obstacles: Mapping[str, PosedShape | None], padding: Mapping[str, float], margin: float
-) -> None:
-    """Raise InputError if a plane ends within the reach of an arm."""
-    planes = [
-        (name, each.pose[:3, 3], each.plane_radius)
-        for name, each in obstacles.items()
-        if each is not None and each.plane_radius is not None
-    ]
-    if not planes:
-        return
-    reach = measure_arm_reach(arm) + margin + max(padding.get(link.name, 0.0) for link in arm.links)
-    for name, center, radius in planes:
-        needed = reach + float(np.linalg.norm(center)) + padding.get(name, 0.0)
-        if needed > radius:
-            rule = f"the arm reaches {needed:.6g} m from the origin of its scene, margin and padding included"
-            hint = "pass a larger one to read_moveit_scene"
-            raise InputError("plane_radius", f"of {name!r} is {radius:g}", rule, hint, value=radius)
 
 
 def _measure_reach(arm: Arm) -> float:
@@ -248,21 +185,9 @@ def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot 
 
     It is the solid of an earlier snapshot if that would be equal.
     """
-    if before is not None and before.obstacles.get(name) is placed:
-        solid = before.static[name]
-        if all(isinstance(part, StaticShape) and part.has_levers_of(reach) for part in solid.parts):
-            return solid
+    if before is not None and before.obstacles.get(name) is placed and before.reach == reach:
+        return before.static[name]
     return Solid(name, 0, (StaticShape(placed.shape, placed.pose, reach),))
-
-
-def _has_same_links(before: Snapshot, arm: Arm, allowed: frozenset[Names], padding: Mapping[str, float]) -> bool:
-    """Return True if the groups of links are unchanged.
-
-    They are those of an earlier snapshot.
-    """
-    if before.arm is not arm or before.allowed != allowed:
-        return False
-    return all(before.padding.get(link.name) == padding.get(link.name) for link in arm.links)
 
 
 def _find_partners(may_touch: Set[Names]) -> dict[str, set[str]]:
@@ -274,53 +199,44 @@ def _find_partners(may_touch: Set[Names]) -> dict[str, set[str]]:
     return partners
 
 
-def _group_links(
-    links: Sequence[Solid], may_touch: Set[Names], padding: Mapping[str, float], known: Mapping[_GroupKey, Group]
-) -> LinkGroups:
-    """Group links of one body.
+def _group(
+    solids: Sequence[Solid], may_touch: Set[Names], padding: Mapping[str, float], is_obstacle: bool
+) -> list[Group]:
+    """Group links, or obstacles, of one body.
 
     Members may touch the same others and have the same padding, so that one test proves a group apart.
     """
-    partners, found = _find_partners(may_touch), dict[tuple[int, frozenset[str], float], list[Solid]]()
-    for link in links:
-        fellows = {each.name for each in links if each.body == link.body}
-        key = link.body, frozenset(partners.get(link.name, set()) - fellows), padding.get(link.name, 0.0)
-        found.setdefault(key, []).append(link)
-    groups = tuple(_make_group(each, extra, False, known) for (_, _, extra), each in found.items())
-    pairs = []
-    for (i, one), (j, other) in combinations(enumerate(groups), 2):
-        name, other_name = one.members[0].name, other.members[0].name
-        if one.solid.body != other.solid.body and sort_pair(name, other_name) not in may_touch:
-            pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
-    return LinkGroups(groups, pairs)
+    partners, fellows = _find_partners(may_touch), dict[int, set[str]]()
+    for solid in solids:
+        fellows.setdefault(solid.body, set()).add(solid.name)
+    found = dict[tuple[int, frozenset[str], float], list[Solid]]()
+    for solid in solids:
+        others = frozenset(partners.get(solid.name, set()) - fellows[solid.body])
+        found.setdefault((solid.body, others, padding.get(solid.name, 0.0)), []).append(solid)
+    groups = []
+    for (body, _, extra), members in found.items():
+        parts = tuple(part for member in members for part in member.parts)
+        joined = Solid(", ".join(member.name for member in members), body, parts)
+        groups.append(Group(joined, tuple(members), extra, is_obstacle))
+    return groups
 
 
-def _group_obstacles(
-    obstacles: Collection[Solid],
-    link_names: Set[str],
-    may_touch: Set[Names],
-    padding: Mapping[str, float],
-    known: Mapping[_GroupKey, Group],
-) -> list[Group]:
-    """Group obstacles by allowed collisions and padding.
+def _pair_groups(groups: Sequence[Group], may_touch: Set[Names]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Return the pairs of groups that may not touch: those that joints move, and links and obstacles that are fixed.
 
-    Obstacles of a group may touch the same links.
+    The second of a pair is an obstacle, or the body nearer to the base.
     """
-    partners, found = _find_partners(may_touch), dict[tuple[frozenset[str], float], list[Solid]]()
-    for obstacle in obstacles:
-        key = frozenset(partners.get(obstacle.name, set()) & link_names), padding.get(obstacle.name, 0.0)
-        found.setdefault(key, []).append(obstacle)
-    return [_make_group(each, extra, True, known) for (_, extra), each in found.items()]
-
-
-def _make_group(members: Sequence[Solid], padding: float, is_obstacle: bool, known: Mapping[_GroupKey, Group]) -> Group:
-    """Return a group, or the equal known one."""
-    key = tuple(members), padding
-    if key in known:
-        return known[key]
-    parts = tuple(part for member in members for part in member.parts)
-    solid = Solid(", ".join(member.name for member in members), members[0].body, parts)
-    return Group(solid, *key, is_obstacle)
+    pairs, fixed = list[tuple[int, int]](), list[tuple[int, int]]()
+    for (i, one), (j, other) in combinations(enumerate(groups), 2):
+        if one.is_obstacle or sort_pair(one.members[0].name, other.members[0].name) in may_touch:
+            continue
+        if one.solid.body != other.solid.body:
+            pairs.append((i, j) if other.is_obstacle or one.solid.body > other.solid.body else (j, i))
+        elif other.is_obstacle:
+            fixed.append((i, j))
+    # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
+    pairs.sort(key=lambda pair: (groups[pair[1]].solid.body != 0, -groups[pair[0]].solid.body))
+    return pairs, fixed
 
 
 def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Floats:
@@ -351,12 +267,12 @@ def _refuse_fixed(snapshot: Snapshot, pairs: Sequence[tuple[int, int]], padding:
         )
 
 
-def _refuse_always(snapshot: Snapshot, which: Bools) -> None:
-    """Raise ConfigurationError if one of some pairs always touches.
+def _refuse_always(snapshot: Snapshot) -> None:
+    """Raise ConfigurationError if a pair always touches.
 
     Tests pairs that at most two joints move.
     """
-    chain, scene = snapshot.arm.chain, snapshot.outer.select_pairs(which)
+    chain, scene = snapshot.arm.chain, snapshot.outer
     between = chain.between[tuple(scene.solids.bodies[scene.pairs].T)] & (chain.kinds != FIXED)
     few = [len(set(chain.joint_indices[row].tolist())) <= 2 for row in between]
     for link, other in snapshot.always_touching(scene.select_pairs(np.array(few, dtype=np.bool_))):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
-from typing import ClassVar, Final, NamedTuple, cast
+from typing import Final, NamedTuple, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.hulls import Hulls, build_hulls
 from cspace.arrays import Floats, Ints
-from cspace.check import check_finite, check_positive
+from cspace.check import check_finite
 from cspace.errors import InputError
 from cspace.exact.boundaries import as_triangles, part_anchors
-from cspace.exact.triangles import Trees, build_tree, pack_boxes, pack_triangles
+from cspace.exact.triangles import Trees, build_boxes, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, RoundedSimplices, Shape, ShapeLike, Voxels, as_shape
 from cspace.shapes.shape import unique_rows
@@ -36,6 +36,26 @@ _BYTES_PER_BOX: Final = 1000
 """Peak memory per such box, including its trees, bytes; 640 to 900 were measured."""
 
 
+class SurfaceTree(NamedTuple):
+    """A tree of the triangles of closed surfaces.
+
+    Attributes
+    ----------
+    boxes : ndarray of float64, shape (m, 6)
+        Center and half sides of the box of each node.
+    spans : ndarray of int64, shape (m, 2)
+        First triangle of each node, and their number; children as in :class:`cspace.exact.triangles.Trees`.
+    triangles : ndarray of float64, shape (n, 3, 3)
+    windings : ndarray of int64, shape (n,)
+        Multiplicity of each triangle.
+    """
+
+    boxes: Floats
+    spans: Ints
+    triangles: Floats
+    windings: Ints
+
+
 @dataclass(frozen=True, eq=False, init=False)
 class PosedShape:
     """A shape at a pose in the frame of a body.
@@ -46,25 +66,19 @@ class PosedShape:
         In space, metres.
     pose : array-like, shape (4, 4)
         From the frame of the shape to the frame of the body.
-    plane_radius : float, optional
-        The shape replaces a plane without end, within this distance of the origin of its frame, metres.
 
     Raises
     ------
     InputError
-        If it is no shape, or the radius is not above zero.
+        If it is no shape.
     """
 
     shape: Shape
     pose: Floats
-    plane_radius: float | None = field(default=None, kw_only=True)
-    is_filled: ClassVar[bool] = False
 
-    def __init__(self, shape: ShapeLike, pose: ArrayLike, *, plane_radius: float | None = None) -> None:
-        radius = None if plane_radius is None else check_positive(plane_radius, "plane_radius")
+    def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
         object.__setattr__(self, "shape", as_shape(shape))
         object.__setattr__(self, "pose", pose)
-        object.__setattr__(self, "plane_radius", radius)
 
     @cached_property
     def bounds_pair(self) -> tuple[PosedShape, PosedShape]:
@@ -75,6 +89,11 @@ class PosedShape:
         outer, inner = self.shape.outer, self.shape.inner
         placed = replace(self, shape=outer)
         return placed, placed if inner is outer else replace(self, shape=inner)
+
+    @cached_property
+    def is_filled(self) -> bool:
+        """Whether the rows of the tree are solids; those of a moving shape are triangles."""
+        return False
 
     @property
     def _exact(self) -> ExactShape:
@@ -93,18 +112,11 @@ class PosedShape:
         simplices, radii = self._exact.boundary()
         return as_triangles([RoundedSimplices(self.transform(simplices), radii)])
 
-    @property
-    def rows(self) -> tuple[Floats, Floats]:
-        """Boundary as rows of a tree, and their levers.
-
-        Rows have shape (n, 10); levers are about the origin.
-        """
-        return pack_triangles(self.boundary), np.linalg.norm(self.boundary.simplices, axis=-1).max(axis=1)
-
     @cached_property
     def tree(self) -> Trees:
-        """Tree of the rows."""
-        return build_tree(*self.rows)
+        """Tree of the triangles of the boundary."""
+        rows = pack_triangles(self.boundary)
+        return build_tree(rows, np.zeros(len(rows)))
 
     @cached_property
     def hulls(self) -> Hulls:
@@ -128,10 +140,11 @@ class PosedShape:
         return self.transform(corners)[index[mesh.faces[counted]]], mesh._turns[counted]
 
     @cached_property
-    def surface_box(self) -> Floats:
-        """Lower and upper corner of the triangles of closed bodies, shape (6,)."""
-        corners, _ = self.surface
-        return np.concatenate([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+    def surface_tree(self) -> SurfaceTree:
+        """Tree of the triangles of closed bodies."""
+        corners, windings = self.surface
+        boxes, order, spans = build_boxes(corners.min(axis=1), corners.max(axis=1))
+        return SurfaceTree(boxes, spans, corners[order], windings[order])
 
     @cached_property
     def anchors(self) -> Floats:
@@ -167,31 +180,22 @@ class StaticShape(PosedShape):
 
     reach: float
 
-    def has_levers_of(self, reach: float) -> bool:
-        """Return True if the shape would be the same with another reach."""
-        return reach == self.reach or all(
-            np.array_equal(sizes <= reach, sizes <= self.reach)
-            for part in self.bounds_pair
-            if part._exact.is_boxes
-            for sizes in [part._exact.boxes[2]]
-        )
-
     @cached_property
-    def is_filled(self) -> bool:  # type: ignore[override]
-        """True if the rows are solids."""
+    def is_filled(self) -> bool:
+        """True if the rows of the tree are solids."""
         return self._exact.is_boxes or self._exact.boundary().simplices.shape[1] == 1
 
-    @property
-    def rows(self) -> tuple[Floats, Floats]:
-        """Rows of a tree, and 1 or 0 each.
+    @cached_property
+    def tree(self) -> Trees:
+        """Tree of boxes, of balls, or of the triangles of the boundary.
 
-        1 means that the row could lie entirely inside a link.
+        The lever of a box or ball is 1 if its connected part is small enough to lie inside a link, otherwise 0.
         """
         if self._exact.is_boxes:
             lows, highs, sizes = self._exact.boxes
-            return pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
+            return build_tree(pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64))
         rows = pack_triangles(self.boundary)
-        return rows, np.full(len(rows), float(self.is_filled))
+        return build_tree(rows, np.full(len(rows), float(self.is_filled)))
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
@@ -302,8 +306,7 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
 
 @place_obstacle.register
 def _(obstacle: PosedShape, name: str, base: Floats) -> PosedShape:
-    placed = place_shape(obstacle.shape, name, base @ check_rigid(obstacle.pose, f"pose of {name}"))
-    return replace(placed, plane_radius=obstacle.plane_radius)
+    return place_shape(obstacle.shape, name, base @ check_rigid(obstacle.pose, f"pose of {name}"))
 
 
 @place_obstacle.register

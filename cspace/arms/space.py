@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -22,7 +23,7 @@ from cspace.check import check_count, check_known, check_not_negative, check_pai
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.batches import Query, as_contiguous
-from cspace.rotations.base import TWO_PI, beside
+from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside
 from cspace.shapes import ShapeLike, as_shape
 from cspace.shown import ArmPlot
 from cspace.threads import in_chunks
@@ -66,14 +67,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def __init__(self, snapshot: Snapshot, base: Floats) -> None:
         self._snapshot, self._base, self._lock = snapshot, base, threading.Lock()
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return all but the lock."""
-        return {name: value for name, value in self.__dict__.items() if name != "_lock"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the space, with a lock of its own."""
-        self.__dict__ |= state
-        self._lock = threading.Lock()
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy or pickle the scene, without locks and scratch memory."""
+        return type(self), (self._snapshot, self._base)
 
     @property
     def arm(self) -> Arm:
@@ -142,8 +138,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     ) -> None:
         """Add a named obstacle, or replace the one of the same name.
 
-        Its cost is that of the obstacle alone. A shape that is replaced keeps its padding and the links that may touch
-        it.
+        A shape that is replaced keeps its padding and the links that may touch it.
 
         Parameters
         ----------
@@ -163,8 +158,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`,
-            or a plane that ends within the arm's reach; nothing changes then.
+            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`;
+            nothing changes then.
         ConfigurationError
             If no configuration would be free, as for :func:`cspace.build_arm_space`; nothing changes then.
 
@@ -254,8 +249,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, no obstacle has the name, it is a
-            plane, or a plane would end within the arm's reach. Nothing changes then.
+            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, or no obstacle has the name.
+            Nothing changes then.
         ConfigurationError
             If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
         """
@@ -266,8 +261,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             if shape is None:
                 filled = {each: placed for each, placed in left.items() if placed is not None}
                 placed = filled[check_known(name, "name", filled)]
-                if placed.plane_radius is not None:
-                    raise InputError("name", f"is {name!r}", "a plane has no end", "attach a box", value=name)
                 del left[name]
                 point = self._check_configuration(q, "q", "it says where the obstacle is on the link")
                 if pose is not None:
@@ -335,8 +328,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If the name is unknown, the padding is negative, or a plane would end within the arm's reach; nothing
-            changes then.
+            If the name is unknown, or the padding is negative; nothing changes then.
         ConfigurationError
             If no configuration would be free; nothing changes then.
         """
@@ -406,29 +398,55 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         Call it as ``check(*q)``; see :meth:`cspace.CSpace.point_checker`. Beyond the limits it returns False.
         """
-        check = self.edge_checker()
-        return lambda *q: check(*q, *q)
+        prove = self._prove_motion
+        return lambda *q: prove(*q, *q) is True
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` that takes floats.
 
         Call it as ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`. Beyond the limits it returns False.
         """
-        size, local = self.size, threading.local()
-        lower, upper = ((self.arm.lower - LIMIT_SLACK).tolist() * 2, (self.arm.upper + LIMIT_SLACK).tolist() * 2)
+        prove = self._prove_motion
+        return lambda *endpoints: prove(*endpoints) is True
 
-        def check(*endpoints: float) -> bool:
-            if not all(low <= x <= high for low, x, high in zip(lower, endpoints, upper, strict=True)):
-                return False
+    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
+        """Return FREE if one configuration is proven free; see the base class."""
+        return FREE if self._state_of_motion(q, q) == FREE else None
+
+    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
+        """Return FREE if one motion is proven free, else MIXED; see the base class."""
+        try:
+            free = self._prove_motion(*q0, *q1)
+        except (TypeError, ValueError):  # another number of entries, or none that are numbers
+            return None
+        if free is None or len(q0) != self.size or self._is_suspect(q0) or self._is_suspect(q1):
+            return None
+        return FREE if free else MIXED
+
+    def _is_suspect(self, q: tuple[Any, ...]) -> bool:
+        """Return True if an angle seems to be in degrees, so that a warning is due."""
+        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
+
+    @cached_property
+    def _prove_motion(self) -> Callable[..., bool | None]:
+        """Function of ``(*q0, *q1)`` that returns whether a motion is proven free; None beyond the limits."""
+        size, local = self.size, threading.local()
+        lower = (self.arm.lower - LIMIT_SLACK).tolist() * 2
+        upper = (self.arm.upper + LIMIT_SLACK).tolist() * 2
+
+        def prove(*endpoints: float) -> bool | None:
+            for low, x, high in zip(lower, endpoints, upper, strict=True):
+                if not low <= x <= high:
+                    return None
             scene = self._snapshot.outer
             if getattr(local, "scene", None) is not scene:  # the first call of a thread, or after a change
                 local.scene, local.scratch, local.out = scene, make_scene_scratch(scene), np.empty(1, dtype=np.bool_)
             scratch, out = local.scratch, local.out
-            rows = np.array(endpoints).reshape(2, 1, size)
+            rows = np.array(endpoints, dtype=np.float64).reshape(2, 1, size)
             motions_are_free(scene, rows[0], rows[1], out, scratch)
             return bool(out[0])
 
-        return check
+        return prove
 
     def obstacle_distance(self, q: ArrayLike) -> float | Floats:
         """Compute a lower bound of the distance from collision.
@@ -895,8 +913,8 @@ def build_arm_space(
         point cloud is used exactly, any other by its cells; everything beyond the grid is free. But a workspace of one
         mesh or other exact shape is that shape as a whole, so its part beyond the ``bounds`` still blocks. Unknown
         cells are obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A planning scene of
-        :func:`cspace.arms.read_moveit_scene` also attaches its objects and pads links; if it has an allowed collision
-        matrix, that replaces :attr:`Arm.allowed_collisions`.
+        :func:`cspace.arms.read_moveit_scene` also attaches its objects; if it has an allowed collision matrix, that
+        replaces :attr:`Arm.allowed_collisions`.
     arm : Arm
     allowed_collisions : iterable of pairs of str
         A link, and an obstacle or link that it may touch, in addition to :attr:`Arm.allowed_collisions`.
@@ -913,18 +931,17 @@ def build_arm_space(
     ------
     InputError
         If a name is taken by a link or unknown, an obstacle is in the plane, a pose is no rigid motion, the margin is
-        negative, a plane of a planning scene ends within the arm's reach, or cells do not fit into memory.
+        negative, or cells do not fit into memory.
     ConfigurationError
         If an obstacle touches a link that no joint moves, or if a pair that at most two joints move touches in all 1000
         random configurations.
     """
-    pairs, extra = set[Names](), dict[str, float]()
+    pairs = set[Names]()
     given = None if base_pose is None else check_rigid(base_pose, "base_pose")
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
         given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
         (arm, pairs), obstacles = scene._place(arm, given), scene.obstacles
-        extra = scene._pad_links(arm)
     pose = np.eye(4) if given is None else given
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
@@ -935,8 +952,10 @@ def build_arm_space(
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
     min_distance = check_not_negative(margin, "margin")
-    for name, metres in ({} if padding is None else padding).items():
-        extra[check_known(name, "padding", known, "names")] = check_not_negative(metres, f"padding of {name}")
+    extra = {
+        check_known(name, "padding", known, "names"): check_not_negative(metres, f"padding of {name}")
+        for name, metres in (padding or {}).items()
+    }
     base = np.linalg.inv(pose).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)

@@ -56,8 +56,6 @@ class Problem(NamedTuple):
         Metres.
     exterior_blocked : bool
         True if everything outside the grid is an obstacle.
-    prove : callable or None
-        Makes the proofs. A joint map passes the proofs of its arm; None uses the boundaries of robot and obstacles.
     """
 
     map: Map
@@ -66,7 +64,6 @@ class Problem(NamedTuple):
     robot: Robot
     margin: float
     exterior_blocked: bool
-    prove: Callable[[Problem], Proofs] | None = None
 
     @property
     def size(self) -> int:

@@ -53,10 +53,17 @@ class ExactQueries:
     """Queries of a map with exact geometry.
 
     Cells answer if they decide, and proofs decide the rest.
+
+    Parameters
+    ----------
+    make_problem : callable
+        Returns the map and the geometry as they are now.
+    prove : callable, optional
+        Makes the proofs of a problem. By default they use the boundaries of robot and obstacles.
     """
 
-    def __init__(self, make_problem: Callable[[], Problem]) -> None:
-        self._make_problem = make_problem
+    def __init__(self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None) -> None:
+        self._make_problem, self._prove = make_problem, prove or BoundaryProofs
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
@@ -124,8 +131,7 @@ class ExactQueries:
         if proofs is None:
             with self._lock:
                 if self._proofs is None:
-                    problem = self._make_problem()
-                    self._proofs = (problem.prove or BoundaryProofs)(problem)
+                    self._proofs = self._prove(self._make_problem())
                 proofs = self._proofs
         return proofs
 

@@ -6,7 +6,7 @@ refused, because a misspelled one would be lost.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -27,19 +27,10 @@ There, rounding is 1e-13 m, less than :data:`cspace.exact.DISTANCE_ROUNDING` at 
 back to the arm.
 """
 
-_BASE_VARIABLES: Final = {
-    **dict.fromkeys(("x", "y", "theta", "trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z"), 0.0),
-    "rot_w": 1.0,
-}
-"""MoveIt's variables of planar and floating joints, after ``JOINT/``, and their values at the identity."""
-
 _IDENTITY_QUATERNION: Final = (0.0, 0.0, 0.0, 1.0)
 
 MOTION_ROUNDING: Final = 1e-6
 """Largest difference of the entries of two equal motions, metres and radians."""
-
-_UNIT_ROUNDING: Final = 1e-3
-"""Largest difference of the length of a quaternion from 1 in a transform."""
 
 
 class Contacts(NamedTuple):
@@ -77,14 +68,11 @@ class RobotValues(NamedTuple):
         Messages of attached objects.
     is_diff : bool
         Whether it only changes another state.
-    base_frame : str or None
-        Frame in which joints with several degrees of freedom do not move the robot; None if there are none.
     """
 
     joints: dict[str, float]
     attached: Sequence[Mapping[str, Any]]
     is_diff: bool
-    base_frame: str | None
 
 
 def check_table(value: Any, place: str, fields: Collection[str] | None = None) -> Mapping[str, Any]:
@@ -190,61 +178,18 @@ def parse_pose(value: Any, place: str) -> Floats:
 def parse_frame(entry: Mapping[str, Any], place: str) -> str:
     """Return the frame that the header of a message names."""
     header = check_table(entry.get("header"), f"the header of {place}", ("seq", "stamp", "frame_id"))
-    return _parse_frame_name(header.get("frame_id"), f"frame_id of {place}")
+    frame = header.get("frame_id")
+    if frame in (None, ""):
+        return WORLD
+    return parse_name(frame, f"frame_id of {place}").lstrip("/") or WORLD  # without the slash of old versions of ROS
 
 
-def _parse_frame_name(frame: Any, place: str) -> str:
-    """Return a frame without the slash of old versions of ROS; empty names are the world."""
-    return parse_name(frame, place).lstrip("/") or WORLD if frame not in (None, "") else WORLD
-
-
-def find_frame_motions(transforms: Sequence[Any], frames: Iterable[str]) -> dict[str, tuple[str, Floats]]:
-    """Return for each frame the one that its transforms lead to, and the motion to it.
-
-    In MoveIt's ``fixed_frame_transforms``, a transform maps points of the frame of its *header* to its *child* frame,
-    which is that of the scene. In tf it is the other way round.
-    """
-    parents: dict[str, tuple[str, Floats]] = {}
-    for number, item in enumerate(transforms):
-        place = f"fixed_frame_transforms[{number}]"
-        entry = check_table(item, place, ("header", "child_frame_id", "transform"))
-        frame, parent = (
-            parse_frame(entry, place),
-            _parse_frame_name(entry.get("child_frame_id"), f"child_frame_id of {place}"),
-        )
-        motion = _parse_transform(entry.get("transform"), place)
-        if frame in parents:
-            raise ContentError(f"has two transforms of the frame {frame!r}", "it must have one", "remove one")
-        if frame != parent:
-            parents[frame] = parent, motion
-        elif np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
-            problem = f"moves the frame {frame!r} against itself by {place}"
-            raise ContentError(problem, "that motion must be the identity", "correct or remove it")
-    motions: dict[str, tuple[str, Floats]] = {}
-    for frame in frames:
-        root, to_root, passed = frame, np.eye(4), {frame}
-        while root in parents:
-            root, step = parents[root]
-            to_root = step @ to_root
-            if root in passed:
-                raise ContentError(f"has transforms of {root!r} in a loop", "they must lead to one frame", "remove one")
-            passed.add(root)
-        motions[frame] = root, to_root
-    return motions
-
-
-def _parse_transform(value: Any, place: str) -> Floats:
-    """Parse a transform as a rigid motion, shape (4, 4).
-
-    MoveIt does not normalise its quaternion.
-    """
+def check_identity(value: Any, place: str, rule: str, hint: str) -> None:
+    """Raise ContentError, with a rule and a hint, unless a transform is the identity."""
     motion = check_table(value, place, ("translation", "rotation"))
-    if motion.get("rotation") is not None:
-        quaternion = parse_numbers(motion["rotation"], 4, f"rotation of {place}")
-        if quaternion.any() and abs(np.linalg.norm(quaternion) - 1.0) > _UNIT_ROUNDING:
-            problem = f"has {quaternion.tolist()} as rotation of {place}"
-            raise ContentError(problem, "it must be a unit quaternion", "divide it by its length")
-    return parse_pose({"position": motion.get("translation"), "orientation": motion.get("rotation")}, place)
+    pose = parse_pose({"position": motion.get("translation"), "orientation": motion.get("rotation")}, place)
+    if np.abs(pose - np.eye(4)).max() > MOTION_ROUNDING:
+        raise ContentError(f"has a motion as {place}", rule, hint)
 
 
 def parse_robot_state(value: Any, place: str) -> RobotValues:
@@ -264,28 +209,24 @@ def parse_robot_state(value: Any, place: str) -> RobotValues:
         problem = f"has {len(names)} joints but {len(given)} positions at {place}"
         raise ContentError(problem, "each joint needs one", "add or remove some")
     values = parse_numbers(list(given), len(names), f"positions of {place}").tolist()
-    for name, value in zip(names, values, strict=True):
-        if abs(value - _BASE_VARIABLES.get(name.rpartition("/")[2], value)) > MOTION_ROUNDING and "/" in name:
-            problem = f"moves the robot by {name!r} of {place}"
-            raise ContentError(problem, "an arm's base is fixed", "remove it, and pass base_pose= to build_arm_space")
     floating = check_table(
         state.get("multi_dof_joint_state"),
         f"multi_dof_joint_state of {place}",
         ("header", "joint_names", "transforms", "twist", "wrench"),
     )
-    frame = parse_frame(floating, f"multi_dof_joint_state of {place}")
+    parse_frame(floating, f"multi_dof_joint_state of {place}")
+    several = parse_names(floating.get("joint_names"), f"joint_names of {place}")
     transforms = check_list(floating.get("transforms"), f"transforms of {place}")
-    for number, item in enumerate(transforms):
-        if np.abs(_parse_transform(item, f"transform {number} of {place}") - np.eye(4)).max() > MOTION_ROUNDING:
-            problem = f"moves the robot by transform {number} of multi_dof_joint_state of {place}"
-            raise ContentError(problem, "an arm's base is fixed", "remove it, and pass base_pose= to build_arm_space")
-    if len(several := parse_names(floating.get("joint_names"), f"joint_names of {place}")) != len(transforms):
+    if len(several) != len(transforms):
         problem = f"has {len(several)} joint_names but {len(transforms)} transforms at multi_dof_joint_state of {place}"
         raise ContentError(problem, "each joint needs one", "add or remove some")
+    for number, item in enumerate(transforms):
+        here = f"transform {number} of multi_dof_joint_state of {place}"
+        check_identity(item, here, "an arm's base is fixed", "remove it, and pass base_pose= to build_arm_space")
     attached = check_list(state.get("attached_collision_objects"), f"attached_collision_objects of {place}")
     tables = [check_table(each, f"attached_collision_objects[{number}]") for number, each in enumerate(attached)]
     is_diff = parse_flag(state.get("is_diff"), f"is_diff of {place}")
-    return RobotValues(dict(zip(names, values, strict=True)), tables, is_diff, frame if transforms else None)
+    return RobotValues(dict(zip(names, values, strict=True)), tables, is_diff)
 
 
 def parse_contacts(value: Any) -> Contacts | None:
@@ -324,13 +265,12 @@ def _parse_row(value: Any, names: Sequence[str], place: str) -> list[bool]:
     return list(row)
 
 
-def parse_link_values(value: Any, name: str, field: str, neutral: float) -> dict[str, float]:
-    """Parse the padding or scale of links, without neutral ones."""
-    values: dict[str, float] = {}
+def refuse_link_values(value: Any, name: str, field: str, neutral: float, hint: str) -> None:
+    """Raise ContentError if the padding or the scale of a link is not neutral."""
     for number, item in enumerate(check_list(value, name)):
         place = f"{name}[{number}]"
         entry = check_table(item, place, ("link_name", field))
-        values[parse_name(entry.get("link_name"), f"link_name of {place}")] = parse_number(
-            entry.get(field), f"{field} of {place}", neutral
-        )
-    return {link: number for link, number in values.items() if number != neutral}
+        given = parse_number(entry.get(field), f"{field} of {place}", neutral)
+        if given != neutral:
+            problem = f"has the {field} {given:g} of {entry.get('link_name')!r} at {place}"
+            raise ContentError(problem, "links keep their size", hint)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -45,9 +44,6 @@ class Contents:
         States outside the grid; if None, computed from the robot's rasters when needed.
     proves_blocked : bool
         True if updates prove BLOCKED, as the build did.
-    prove : callable or None
-        Makes exact proofs of a :class:`cspace.exact.boundaries.Problem` for a map of joints, by the space of the arm.
-        It is not stored in files, and the first change of cells drops it.
 
     Raises InputError if an array has another shape or type than stated, or ``outside`` is another word.
     """
@@ -62,7 +58,6 @@ class Contents:
     overlap_counts: NDArray[np.int32] | None = None
     exterior: Exterior | None = None
     proves_blocked: bool = True
-    prove: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays."""

@@ -6,10 +6,10 @@ Scenes are YAML, as ROS prints the message or as MotionBenchMaker writes it.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -20,16 +20,16 @@ from cspace.files.access import ContentError, decoding
 from cspace.files.meshes import read_mesh
 from cspace.files.moveit import (
     WORLD,
+    check_identity,
     check_list,
     check_table,
-    find_frame_motions,
     parse_flag,
     parse_frame,
-    parse_link_values,
     parse_name,
     parse_names,
     parse_numbers,
     parse_pose,
+    refuse_link_values,
 )
 from cspace.files.plain import read_yaml
 from cspace.files.polygons import join_surfaces, surface_bytes, transform_surface
@@ -182,26 +182,19 @@ SCENE_KIND: Final = "planning scene"
 MAX_SHAPES: Final = 10_000
 """Maximum number of shapes in one scene."""
 
-_ADD, _REMOVE, _APPEND, _MOVE = range(4)
+_OPERATIONS: Final = (None, "", "add", 0, "\0")
+"""Ways to write that an object is added: not at all, as a word, a number, or the byte that ROS 2 prints."""
 
-_OPERATIONS: Final[Mapping[object, int]] = {
-    **{word: number for number, word in enumerate(("add", "remove", "append", "move"))},
-    **{number: number for number in range(4)},
-    **{chr(number): number for number in range(4)},
-}
-"""Operations of a collision object, as words, numbers, or the byte that ROS 2 prints."""
-
-_POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses", "planes": "plane_poses"}
+_POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 """For each list of shapes in a collision object, the list of their poses."""
 
-Ball = tuple[Floats, float]
-
-
-class _Plane(NamedTuple):
-    """The points x with ``normal . x + offset = 0``; the normal is a unit vector, the offset in metres."""
-
-    normal: Floats
-    offset: float
+_REFUSED_FIELDS: Final = {
+    "planes": ("a plane has no end", "write a box"),
+    "plane_poses": ("a plane has no end", "write a box"),
+    "subframe_names": ("frames of objects are not read", "remove them, and write poses in the planning frame"),
+    "subframe_poses": ("frames of objects are not read", "remove them, and write poses in the planning frame"),
+}
+"""Fields of a collision object that must be empty: the rule, and the hint."""
 
 
 class SceneShape(NamedTuple):
@@ -213,22 +206,15 @@ class SceneShape(NamedTuple):
         Id of its collision object, with ``/0``, ``/1`` and so on if that holds several shapes.
     shape : Shape
     pose : ndarray of float64, shape (4, 4)
-        Motion from the frame of the shape to the frame of the scene.
+        Motion from the frame of the shape to the frame of its object.
     object_id : str
         Id of its collision object.
-    is_plane : bool
-        Whether the shape is a square that replaces a plane.
     """
 
     name: str
     shape: Shape
     pose: Floats
     object_id: str
-    is_plane: bool
-
-    def moved(self) -> Shape:
-        """Return the shape in the frame of the scene."""
-        return _transform(self.shape, self.pose)
 
 
 class AttachedShapes(NamedTuple):
@@ -236,21 +222,18 @@ class AttachedShapes(NamedTuple):
 
     Attributes
     ----------
-    name : str
     link : str
+    frame : str
+        Frame of the poses: the link, or the planning frame.
     touch_links : list of str
         Further links that may touch it.
-    frame : str
-        Frame of the poses.
-    parts : list of (str, Shape, ndarray of float64)
-        Names as of :class:`SceneShape`, shapes, and their poses, shape (4, 4).
+    shapes : list of SceneShape
     """
 
-    name: str
     link: str
-    touch_links: list[str]
     frame: str
-    parts: list[tuple[str, Shape, Floats]]
+    touch_links: list[str]
+    shapes: list[SceneShape]
 
 
 class SceneContent(NamedTuple):
@@ -259,13 +242,11 @@ class SceneContent(NamedTuple):
     Attributes
     ----------
     frame : str
-        Frame of the scene.
+        The planning frame.
     shapes : list of SceneShape
-        Obstacles, in the frame of the scene.
+        Obstacles, in the planning frame.
     attached : list of AttachedShapes
         Objects that the robot carries.
-    motions : mapping of str to (str, ndarray of float64)
-        For each frame of shapes, the frame to which ``fixed_frame_transforms`` lead, and the motion, shape (4, 4).
     table : mapping
         The message itself.
     """
@@ -273,7 +254,6 @@ class SceneContent(NamedTuple):
     frame: str
     shapes: list[SceneShape]
     attached: list[AttachedShapes]
-    motions: Mapping[str, tuple[str, Floats]]
     table: Mapping[str, Any]
 
 
@@ -284,45 +264,39 @@ _SCENE_FIELDS: Final = (
 """Fields of a moveit_msgs/PlanningScene."""
 
 _OBJECT_FIELDS: Final = (
-    *("header", "pose", "id", "type", "subframe_names", "subframe_poses", "operation"),
+    *("header", "pose", "id", "type", "operation", *_REFUSED_FIELDS),
     *(field for pair in _POSE_LISTS.items() for field in pair),
 )
 """Fields of a moveit_msgs/CollisionObject."""
 
 
-def read_scene_shapes(
-    path: StrPath, plane_ball: Ball | None = None, package_dirs: PackageDirs = ()
-) -> list[SceneShape]:
-    """Read the obstacles of a planning scene, as :func:`read_scene`.
+def read_scene_shapes(path: StrPath, package_dirs: PackageDirs = ()) -> list[Shape]:
+    """Read the obstacles of a planning scene, in its planning frame.
 
-    A warning lists the parts of the scene that enlarge the robot; they are not read. Raises GeometryError if the scene
-    has no shape.
+    A warning lists the attached objects, which are not read. Raises as :func:`read_scene`, and GeometryError if the
+    scene has no shape.
     """
-    scene = read_scene(path, plane_ball, package_dirs)
+    scene = read_scene(path, package_dirs)
     if not scene.shapes:
         raise GeometryError(os.fspath(path), "holds no shape", "a scene needs one", "pass another file")
-    if left_out := _list_robot_parts(scene):
-        listed = ", ".join(left_out)
-        warn_user(f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin=")
-    return scene.shapes
+    if scene.attached:
+        listed = ", ".join(each.shapes[0].object_id for each in scene.attached)
+        warn_user(f"{os.fspath(path)}: attached objects ({listed}) enlarge the robot and are not read; use arm.attach")
+    return [_transform(each.shape, each.pose) for each in scene.shapes]
 
 
-def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: PackageDirs = ()) -> SceneContent:
+def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
     """Read the shapes of a planning scene.
 
     Parameters
     ----------
     path : path-like
         YAML of a ``moveit_msgs/PlanningScene``, or of its ``world``.
-    plane_ball : (ndarray of float64, shape (3,), float), optional
-        Center and radius of a ball in the frame of the scene, metres. Each plane, which has no end, becomes a square
-        that covers its part in the ball.
     package_dirs : path-like, or sequence of path-like
         Folders that hold the folders of packages, for meshes.
 
-    Raises FileError if the file is missing or malformed, holds anything but boxes, spheres, cylinders, cones, meshes
-    and planes, only changes another scene, or is read differently by versions of MoveIt. Raises GeometryError if a mesh
-    has no triangle.
+    Raises FileError if the file is missing or malformed, holds anything but boxes, spheres, cylinders, cones and meshes
+    in one frame, or only changes another scene. Raises GeometryError if a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
     content = read_yaml(path, SCENE_KIND)
@@ -338,32 +312,23 @@ def read_scene(path: StrPath, plane_ball: Ball | None = None, package_dirs: Pack
         if "collision_objects" not in world and not attached:
             rule = "a planning scene lists its obstacles there"
             raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
-        _check_octomap(world)
-        reader = _Reader(path, plane_ball is not None, folders)
-        objects = reader.objects(check_list(world.get("collision_objects"), "collision_objects"))
-        carried = [reader.attached(item, number) for number, item in enumerate(attached)]
-        parse_names([each.name for each in carried], "attached_collision_objects")
-        motions = find_frame_motions(
-            check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"),
-            dict.fromkeys([*(frame for frame, _ in objects.values()), *(each.frame for each in carried)]),
-        )
-        _check_names(objects, carried)
-        _check_frames(motions, reader.frames)
-        root_frame = _find_root(objects, motions)
-        shapes = [
-            SceneShape(part_name, *_cut(shape, motions[frame][1] @ pose, plane_ball), name, isinstance(shape, _Plane))
-            for name, (frame, parts) in objects.items()
-            for part_name, (shape, pose) in zip(_name_parts(name, len(parts)), parts, strict=True)
-        ]
-        for number, each in enumerate(carried):
-            root, motion = motions[each.frame]
-            moved = [(name, shape, motion @ pose) for name, shape, pose in each.parts]
-            carried[number] = each._replace(frame=root, parts=moved)
-        return SceneContent(root_frame, shapes, carried, motions, scene)
+        _refuse_rest(scene, world)
+        reader = _Reader(path, folders)
+        objects = check_list(world.get("collision_objects"), "collision_objects")
+        frames, shapes = set[str](), list[SceneShape]()
+        for number, item in enumerate(objects):
+            frame, parts = reader.read_object(item, f"collision_objects[{number}]")
+            frames.add(frame)
+            shapes += parts
+        carried = [reader.read_attached(item, f"attached_collision_objects[{k}]") for k, item in enumerate(attached)]
+        frames |= {each.frame for each in carried if each.frame != each.link}
+        every = [*shapes, *(shape for each in carried for shape in each.shapes)]
+        parse_names([shape.name for shape in every], "the names of shapes")
+        return SceneContent(_find_frame(frames, {shape.object_id for shape in every}), shapes, carried, scene)
 
 
-def _check_octomap(world: Mapping[str, Any]) -> None:
-    """Refuse a world with an OctoMap."""
+def _refuse_rest(scene: Mapping[str, Any], world: Mapping[str, Any]) -> None:
+    """Raise ContentError if a scene holds an OctoMap, transforms, or links of another size."""
     octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
     tree = check_table(octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data"))
     parse_pose(octomap.get("origin"), "origin of octomap")
@@ -372,148 +337,80 @@ def _check_octomap(world: Mapping[str, Any]) -> None:
     if tree.get("data"):
         hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
         raise ContentError("holds an OctoMap", "only collision objects are read", hint)
+    for number, item in enumerate(check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms")):
+        place = f"fixed_frame_transforms[{number}]"
+        entry = check_table(item, place, ("header", "child_frame_id", "transform"))
+        parse_frame(entry, place)
+        hint = "write the objects in the planning frame, e.g. by tf2, and remove the transform"
+        check_identity(entry.get("transform"), f"transform of {place}", "frames are not transformed", hint)
+    hint = "remove link_padding, and pass padding= to build_arm_space"
+    refuse_link_values(scene.get("link_padding"), "link_padding", "padding", 0.0, hint)
+    hint = "remove link_scale, and pass padding= to build_arm_space"
+    refuse_link_values(scene.get("link_scale"), "link_scale", "scale", 1.0, hint)
 
 
-def _check_frames(motions: Mapping[str, tuple[str, Floats]], owners: Mapping[str, str]) -> None:
-    """Refuse poses in frames of objects; `owners` has the object of each such frame."""
-    for frame in (*motions, *(root for root, _ in motions.values())):
-        if frame in owners:
-            problem = f"has poses in the frame {frame!r}, which is of object {owners[frame]!r}"
-            rule = "MoveIt places them by that object"
-            raise ContentError(problem, rule, "write them in the frame of the scene, or rename the object")
-
-
-def _find_root(objects: Mapping[str, tuple[str, Sequence[object]]], motions: Mapping[str, tuple[str, Floats]]) -> str:
-    """Return the one frame to which the frames of all objects lead."""
-    roots = {motions[frame][0]: frame for frame, _ in objects.values()}
-    if len(roots) > 1:
-        problem = f"has objects in the frames {', '.join(map(repr, sorted(roots.values())))}"
-        rule = "fixed_frame_transforms must lead from all to one frame"
-        raise ContentError(problem, rule, "write all in one frame")
-    return next(iter(roots), WORLD)
-
-
-def _name_parts(name: str, count: int) -> list[str]:
-    """Return the names of the shapes of an object."""
-    return [name] if count == 1 else [f"{name}/{number}" for number in range(count)]
-
-
-def _check_names(objects: Mapping[str, tuple[str, Sequence[object]]], attached: Sequence[AttachedShapes]) -> None:
-    """Raise ContentError if two objects or two of their shapes have one name, because one would hide the other."""
-    owners: dict[str, str] = {}
-    counts = [*((name, len(parts)) for name, (_, parts) in objects.items())]
-    for name, count in [*counts, *((each.name, len(each.parts)) for each in attached)]:
-        if name in objects and any(each.name == name for each in attached):
-            problem, rule = f"has the object {name!r} in the world and attached", "MoveIt would keep one"
-            raise ContentError(problem, rule, "rename or remove one")
-        for part in _name_parts(name, count):
-            if part in owners:
-                problem = f"has the shape {part!r} of object {owners[part]!r} and of object {name!r}"
-                raise ContentError(problem, "names of shapes must differ", "rename one object")
-            owners[part] = name
-
-
-def _cut(shape: Shape | _Plane, pose: Floats, ball: Ball | None) -> tuple[Shape, Floats]:
-    """Return a shape and its pose, shape (4, 4), in the frame of the scene.
-
-    A square replaces a plane and covers its part in the ball.
-    """
-    if not isinstance(shape, _Plane) or ball is None:
-        return cast(Shape, shape), pose
-    (center, radius), direction = ball, pose[:3, :3] @ shape.normal
-    foot = center - direction * (direction @ (center - pose[:3, 3]) + shape.offset)
-    across = np.linalg.svd(direction[np.newaxis])[2][1:]
-    corners = foot + radius * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) @ across
-    return Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)]), "surface"), np.eye(4)
+def _find_frame(frames: Set[str], object_ids: Set[str]) -> str:
+    """Return the one frame of all objects."""
+    hint = "write them in the planning frame; objects may be in the frame of the link that carries them"
+    if len(frames) > 1:
+        problem = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
+        raise ContentError(problem, "they must be in one frame", hint)
+    frame = next(iter(frames), WORLD)
+    if frame in object_ids:
+        raise ContentError(f"has poses in the frame {frame!r} of an object", "it is not the planning frame", hint)
+    return frame
 
 
 class _Reader:
-    """Maker of the shapes of collision objects.
+    """Maker of the shapes of collision objects."""
 
-    Attributes
-    ----------
-    frames : dict of str to str
-        Frames of the objects, with their subframes, and the id of their object.
-    """
-
-    def __init__(self, path: StrPath, has_ball: bool, folders: Sequence[Path]) -> None:
-        self._path, self._has_ball, self._folders = path, has_ball, folders
+    def __init__(self, path: StrPath, folders: Sequence[Path]) -> None:
+        self._path, self._folders = path, folders
         self._meshes: dict[str, Surface] = {}
+        self._ids: set[str] = set()
         self._count, self._bytes = 0, 0
-        self.frames: dict[str, str] = {}
 
-    def objects(self, items: Sequence[Any]) -> dict[str, tuple[str, list[tuple[Shape | _Plane, Floats]]]]:
-        """Return the objects by id after all operations.
-
-        Each has a frame, and shapes with their poses. As in MoveIt, a later object replaces an earlier one of its id.
-        """
-        objects: dict[str, tuple[str, list[tuple[Shape | _Plane, Floats]]]] = {}
-        ids: dict[str, Any] = {}
-        for number, item in enumerate(items):
-            place = f"collision_objects[{number}]"
-            entry = check_table(item, place, _OBJECT_FIELDS)
-            name = _parse_id(entry.get("id"), f"id of {place}")
-            if name in ids and not (isinstance(entry["id"], str) and isinstance(ids[name], str)):
-                # As text, the two may differ: 5 and +5 are one number.
-                problem, rule = f"has the id {name!r} again at {place}, once as a number", "ids are text"
-                raise ContentError(problem, rule, "put them in quotes")
-            ids[name] = entry["id"]
-            operation = _parse_operation(entry, f"object {name!r}")
-            if operation == _MOVE:
-                problem = f"has the operation {entry['operation']!r} at object {name!r}"
-                raise ContentError(problem, _OPERATION_RULE, "write the scene as it is")
-            if operation == _REMOVE:
-                objects.pop(name, None)
-                continue
-            if operation == _APPEND and name in objects:
-                problem, rule = f"appends to object {name!r}", "versions of MoveIt differ in the pose"
-                raise ContentError(problem, rule, "write all its shapes in one object")
-            frame = parse_frame(entry, f"object {name!r}")
-            objects[name] = frame, self._read_parts(entry, name, f"object {name!r}")
-        return objects
-
-    def attached(self, item: Any, number: int) -> AttachedShapes:
-        """Return the shapes of an attached object."""
-        place = f"attached_collision_objects[{number}]"
-        carried = check_table(item, place, ("link_name", "object", "touch_links", "detach_posture", "weight"))
-        entry = check_table(carried.get("object"), f"the object of {place}", _OBJECT_FIELDS)
-        name = _parse_id(entry.get("id"), f"object.id of {place}")
-        link = parse_name(carried.get("link_name"), f"link_name of {place}")
-        place = f"attached object {name!r}"
-        if _parse_operation(entry, place) != _ADD:
+    def read_object(self, item: Any, place: str) -> tuple[str, list[SceneShape]]:
+        """Return the frame and the shapes of a collision object."""
+        entry = check_table(item, place, _OBJECT_FIELDS)
+        given = entry.get("id")
+        name = str(given) if type(given) is int else parse_name(given, f"id of {place}")  # robowflex omits quotes
+        if name in self._ids:
+            raise ContentError(f"has the object {name!r} again at {place}", "ids must differ", "rename or remove one")
+        self._ids.add(name)
+        place = f"object {name!r}"
+        operation = entry.get("operation")
+        operation = operation.lower() if isinstance(operation, str) else operation
+        if type(operation) not in (type(None), str, int) or operation not in _OPERATIONS:
             problem = f"has the operation {entry['operation']!r} at {place}"
             raise ContentError(problem, "it must be add (0)", "write the scene as it is")
+        for field, (rule, hint) in _REFUSED_FIELDS.items():
+            if entry.get(field):
+                raise ContentError(f"has {field} at {place}", rule, hint)
+        shapes = list(self._read_shapes(entry, place))
+        if not shapes:
+            rule = "it must have primitives or meshes"
+            raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
+        names = [name] if len(shapes) == 1 else [f"{name}/{number}" for number in range(len(shapes))]
+        parts = [SceneShape(part, *each, name) for part, each in zip(names, shapes, strict=True)]
+        return parse_frame(entry, place), parts
+
+    def read_attached(self, item: Any, place: str) -> AttachedShapes:
+        """Return the shapes of an attached object."""
+        carried = check_table(item, place, ("link_name", "object", "touch_links", "detach_posture", "weight"))
+        link = parse_name(carried.get("link_name"), f"link_name of {place}")
+        entry = check_table(carried.get("object"), f"the object of {place}")
         if not check_table(entry.get("header"), f"the header of {place}").get("frame_id"):
             rule = "MoveIt and robowflex would take the frame of the world"
             raise ContentError(f"has no header.frame_id at {place}", rule, f"add it, e.g. {link}")
-        if entry.get("planes"):
-            raise ContentError(f"has a plane at {place}", "a plane has no end", "attach a box")
+        frame, shapes = self.read_object(entry, f"the object of {place}")
         touch_links = parse_names(carried.get("touch_links"), f"touch_links of {place}")
-        parts = cast(list[tuple[Shape, Floats]], self._read_parts(entry, name, place))
-        named = [(part, *each) for part, each in zip(_name_parts(name, len(parts)), parts, strict=True)]
-        return AttachedShapes(name, link, touch_links, parse_frame(entry, place), named)
+        return AttachedShapes(link, frame, touch_links, shapes)
 
-    def _read_parts(self, entry: Mapping[str, Any], name: str, place: str) -> list[tuple[Shape | _Plane, Floats]]:
-        """Return the shapes of an object, at least one, with their poses."""
-        subframes = parse_names(entry.get("subframe_names"), f"subframe_names of {place}")
-        poses = check_list(entry.get("subframe_poses"), f"subframe_poses of {place}")
-        if len(subframes) != len(poses):
-            problem = f"has {len(subframes)} subframe_names but {len(poses)} subframe_poses at {place}"
-            raise ContentError(problem, "each needs a pose", "add or remove some")
-        for number, each in enumerate(poses):
-            parse_pose(each, f"subframe_poses[{number}] of {place}")
-        self.frames |= {name: name} | {f"{name}/{subframe}": name for subframe in subframes}
-        parts = list(self._read_shapes(entry, place))
-        if not parts:
-            rule = "it must have primitives, meshes or planes"
-            raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
-        return parts
-
-    def _read_shapes(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape | _Plane, Floats]]:
+    def _read_shapes(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
         """Yield the shapes of an object, with their poses."""
         whole = parse_pose(entry.get("pose"), f"the pose of {place}")
-        makers: dict[str, Callable[[Any, str], Shape | _Plane]]
-        makers = {"primitives": self._read_primitive, "meshes": self._read_mesh, "planes": self._read_plane}
+        makers = {"primitives": self._read_primitive, "meshes": self._read_mesh}
         for name, poses_name in _POSE_LISTS.items():
             items = check_list(entry.get(name), f"{name} of {place}")
             poses = check_list(entry.get(poses_name), f"{poses_name} of {place}")
@@ -525,9 +422,8 @@ class _Reader:
                 if self._count > MAX_SHAPES:
                     problem = f"holds more than {MAX_SHAPES} shapes"
                     raise ContentError(problem, "the rest is not read", "split the scene")
-                here = f"{name}[{number}] of {place}"
                 pose = parse_pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
-                yield makers[name](item, here), whole @ pose
+                yield makers[name](item, f"{name}[{number}] of {place}"), whole @ pose
 
     def _read_primitive(self, item: Any, place: str) -> Shape:
         """Return a primitive as a shape."""
@@ -563,20 +459,6 @@ class _Reader:
             problem = f"has the dimensions {scale.tolist()} at {place}"
             raise ContentError(problem, "no factor may be zero", "correct them")
         return transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
-
-    def _read_plane(self, item: Any, place: str) -> _Plane:
-        """Return a plane in its own frame."""
-        if not self._has_ball:
-            hint = "pass bounds for a workspace, or plane_radius for an arm"
-            raise ContentError(f"has a plane, {place}", "a plane has no end, but an obstacle needs one", hint)
-        coefficients = parse_numbers(check_table(item, place, ("coef",)).get("coef"), 4, f"coef of {place}")
-        largest = float(np.abs(coefficients[:3]).max())
-        if not largest > 0.0:
-            problem = f"has the coef {coefficients.tolist()} at {place}"
-            raise ContentError(problem, "a, b and c may not all be zero", "correct it")
-        normal, offset = coefficients[:3] / largest, float(coefficients[3]) / largest  # squares must not underflow
-        length = float(np.linalg.norm(normal))
-        return _Plane(normal / length, offset / length)
 
 
 def _parse_inline_mesh(table: Mapping[str, Any], place: str) -> Surface:
@@ -659,29 +541,3 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     if isinstance(shape, Mesh):
         return Mesh(*transform_surface((shape.vertices, shape.faces), pose), shape.solid, shape.source)
     return Mesh(*transform_surface(shape.surface, pose))
-
-
-def _parse_id(value: Any, place: str) -> str:
-    """Return the id of an object; robowflex writes the id "7" without quotes."""
-    return str(value) if type(value) is int else parse_name(value, place)
-
-
-_OPERATION_RULE: Final = "it must be add, append or remove (0, 2 or 1)"
-
-
-def _parse_operation(entry: Mapping[str, Any], place: str) -> int:
-    """Return the operation of an object."""
-    given = entry.get("operation")
-    operation = _ADD if given in (None, "") else given.lower() if isinstance(given, str) else given
-    if type(operation) not in (int, str) or operation not in _OPERATIONS:
-        raise ContentError(f"has the operation {given!r} at {place}", _OPERATION_RULE, "write the scene as it is")
-    return _OPERATIONS[operation]
-
-
-def _list_robot_parts(scene: SceneContent) -> list[str]:
-    """Return the parts of a scene that enlarge the robot, as text."""
-    found = [f"attached objects ({', '.join(each.name for each in scene.attached)})"] if scene.attached else []
-    for name, field, neutral in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
-        if parse_link_values(scene.table.get(name), name, field, neutral):
-            found.append(name)
-    return found

@@ -239,9 +239,9 @@ def test_joint_map_supports_all_queries(tmp_path: Path) -> None:
     assert joint_map.robot.name == "small"
     joint_map.save(tmp_path / "map.zarr")
     again = cspace.open(tmp_path / "map.zarr")
-    assert isinstance(again, CSpace)
+    assert type(again) is CSpace  # files do not store the geometry of the arm
     assert again.grid == joint_map.grid
-    assert repr(again) == repr(joint_map)
+    assert repr(joint_map) == repr(again).replace("CSpace", "JointMap")
     np.testing.assert_array_equal(again.cell_states, joint_map.cell_states)
     dataset = joint_map.to_xarray()
     assert dataset.cell_states.dims == ("shoulder", "elbow")

@@ -351,7 +351,6 @@ def test_replaced_clouds_leave_no_memory(tmp_path: Path) -> None:
         space.add_obstacle("cloud", rng.uniform(3.0, 4.0, (3000, 3)), radius=0.01)
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    # The first eight clouds are in the store of the arm's links, which was made before.
     assert max(sizes[12:]) < 1.5 * sizes[10]
 
 

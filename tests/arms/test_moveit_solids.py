@@ -22,11 +22,10 @@ SIDE = 1e-3
 LIMIT = 15.0
 """Limit of the joints x, y and z, metres."""
 
-NAMES = ("a", "b", "c", "d", "e", "a/0", "a/1", "b/0", "object 1", 7, "7", "tip", "flange", "cam")
+NAMES = ("a", "b", "c", "d", "e", "a/0", "a/1", "b/0", "object 1", 7, "7", "tip", "flange", "hall")
 """Ids of objects; some clash with others, with parts of others, or with frames."""
 
 FRAMES = ("base", "stand", "tip", "flange")
-RADIUS = 70.0
 TETRAHEDRON = np.array([(0.0, 0.0, 0.0), (0.5, 0.1, 0.0), (0.0, 0.6, 0.2), (0.1, 0.0, 0.7)])
 
 
@@ -85,15 +84,6 @@ def sample(kind: str, sizes: Any, rng: np.random.Generator) -> np.ndarray:
     return np.hstack([at[:, :2] * radius * narrow, at[:, 2:] * height / 2])
 
 
-def on_plane(coef: Any, pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draw points of a plane within 6 m of the origin, if it passes there, shape (n, 3)."""
-    points = rng.uniform(-3, 3, (8, 3))
-    normal = pose[:3, :3] @ coef[:3]
-    length = normal @ normal
-    points -= ((points - pose[:3, 3]) @ normal + coef[3])[:, None] / length * normal
-    return points[np.linalg.norm(points, axis=1) < 6.0]
-
-
 class Part(NamedTuple):
     """A shape of an object, and the poses that lead from it to the frame of its header."""
 
@@ -104,8 +94,6 @@ class Part(NamedTuple):
     def points(self, to_scene: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Draw points in the frame of the scene."""
         placed = to_scene @ self.pose
-        if self.kind == "plane":
-            return on_plane(np.array(self.sizes), placed, rng)
         return sample(self.kind, self.sizes, rng) @ placed[:3, :3].T + placed[:3, 3]
 
 
@@ -115,12 +103,10 @@ class Case(NamedTuple):
     message: dict[str, Any]
     root: str
     base_pose: np.ndarray
-    cam: np.ndarray
     world: dict[Any, tuple[str, list[Part]]]
     attached: list[tuple[Any, str, str, list[Part]]]
     state: dict[str, float]
-    padding: dict[str, float]
-    repeats_number: bool
+    is_repeated: bool
     added: set[str]
 
     def may_touch(self, one: str, other: str) -> bool:
@@ -144,7 +130,7 @@ class Case(NamedTuple):
             for number in range(len(parts))
         ]
         frames = {frame for frame, _ in self.world.values()} | {frame for _, _, frame, _ in self.attached}
-        repeated = len(set(shapes)) < len(shapes) or len(set(names)) < len(names) or self.repeats_number
+        repeated = len(set(shapes)) < len(shapes) or len(set(names)) < len(names) or self.is_repeated
         taken = {"base", "stand", "beam", "cart", "tip", "flange"}
         return repeated or not taken.isdisjoint([*names, *shapes]) or not self.added.isdisjoint([*frames, self.root])
 
@@ -170,23 +156,19 @@ def poses(draw: st.DrawFn, scale: bool = True) -> tuple[dict[str, Any], np.ndarr
 
 
 @st.composite
-def objects(draw: st.DrawFn, frame: str, planes: bool) -> tuple[dict[str, Any], list[Part]]:
+def objects(draw: st.DrawFn, frame: str) -> tuple[dict[str, Any], list[Part]]:
     """Draw a collision object without its id, and its shapes."""
     message: dict[str, Any] = {"header": {"frame_id": frame}} if frame != "world" or draw(st.booleans()) else {}
     whole = np.eye(4)
     if draw(st.booleans()):
         message["pose"], whole = draw(poses())
-    kinds = ["box", "sphere", "cylinder", "cone", "mesh", *["plane"] * planes]
-    parts: dict[str, list[Part]] = {"primitives": [], "meshes": [], "planes": []}
+    kinds = ["box", "sphere", "cylinder", "cone", "mesh"]
+    parts: dict[str, list[Part]] = {"primitives": [], "meshes": []}
     for kind in draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=3)):
         pose_message, pose = draw(poses())
         sizes: tuple[float, ...] = draw(st.tuples(LENGTHS, LENGTHS, LENGTHS))
         if kind == "mesh":
             field, shape = "meshes", {"vertices": TETRAHEDRON.tolist(), "triangles": FACES}
-        elif kind == "plane":
-            coef = draw(st.tuples(*[st.floats(-2, 2)] * 4))
-            sizes = coef if np.linalg.norm(coef[:3]) > 0.1 else (0.0, -2.0, 0.0, 1.0)
-            field, shape = "planes", {"coef": list(sizes)}
         else:
             number = 1 + ("box", "sphere", "cylinder", "cone").index(kind)
             sizes = sizes[: {"box": 3, "sphere": 1}.get(kind, 2)]
@@ -203,7 +185,7 @@ def objects(draw: st.DrawFn, frame: str, planes: bool) -> tuple[dict[str, Any], 
     return message, [part for field in POSES for part in parts[field]]
 
 
-POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses", "planes": "plane_poses"}
+POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 FACES = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
 
 
@@ -212,36 +194,28 @@ def cases(draw: st.DrawFn) -> Case:
     """Draw a scene."""
     root = draw(st.sampled_from(["world", "base", "stand", "hall"]))
     base_pose = draw(poses())[1] if root == "hall" else np.eye(4)
-    transform, cam = draw(poses(scale=False))
     world: dict[Any, tuple[str, list[Part]]] = {}
-    written, seen, repeats_number, added = [], dict[str, Any](), False, set[str]()
+    written, is_repeated, added = [], False, set[str]()
     pool = st.sampled_from(NAMES[:3] if draw(st.booleans()) else NAMES)
-    for number, name in enumerate(draw(st.lists(pool, min_size=1, max_size=5))):
-        frame = draw(st.sampled_from([root, "cam"]))
-        message, parts = draw(objects(frame, planes=True))
-        repeats_number |= str(name) in seen and not isinstance(name, str) & isinstance(seen[str(name)], str)
-        seen[str(name)] = name
-        if number and draw(st.integers(0, 4)) == 0:
-            message, parts = {"operation": draw(st.sampled_from([1, "remove"]))}, []
-        elif draw(st.booleans()):
+    for name in draw(st.lists(pool, max_size=5)):
+        message, parts = draw(objects(root))
+        if draw(st.booleans()):
             message["operation"] = draw(st.sampled_from([0, "add", "\0"]))
         written.append({"id": name} | message)
-        world.pop(str(name), None)
-        if parts:
-            world[str(name)] = frame, parts
-            added.add(str(name))
+        is_repeated |= str(name) in world
+        world[str(name)] = root, parts
+        added.add(str(name))
     attached, carried = [], []
     held = st.lists(st.sampled_from(["mug", "mug/0", *NAMES]), max_size=2) | st.sampled_from([["mug"], ["mug", "cup"]])
     for name in draw(held):
         carrier = draw(st.sampled_from(["tip", "flange"]))
-        frame = draw(st.sampled_from([carrier, carrier, "tip", "flange", "base", root, "cam"]))
-        message, parts = draw(objects(frame, planes=False))
+        frame = draw(st.sampled_from([carrier, root]))
+        message, parts = draw(objects(frame))
         message["header"] = {"frame_id": frame}
         carried.append({"link_name": carrier, "object": {"id": name} | message})
         attached.append((name, carrier, frame, parts))
         added.add(str(name))
     state = dict(zip("xyz", draw(st.tuples(COORDINATES, COORDINATES, COORDINATES)), strict=True))
-    padding = {name: draw(st.sampled_from([0.0, 0.05, 0.2])) for name in ("tip", "flange")}
     known = ["tip", *draw(st.lists(st.sampled_from(["mug", "flange", *world]), unique=True))]
     shares = draw(st.lists(st.booleans(), min_size=len(known) ** 2, max_size=len(known) ** 2))
     values = [[shares[min(i, j) * len(known) + max(i, j)] for j in range(len(known))] for i in range(len(known))]
@@ -258,16 +232,8 @@ def cases(draw: st.DrawFn) -> Case:
             "joint_state": {"name": list(state), "position": list(state.values())},
             "attached_collision_objects": carried,
         },
-        "fixed_frame_transforms": [
-            {
-                "header": {"frame_id": "cam"},
-                "child_frame_id": root,
-                "transform": {"translation": transform["position"], "rotation": transform["orientation"]},
-            }
-        ],
-        "link_padding": [{"link_name": name, "padding": metres} for name, metres in padding.items()],
     }
-    return Case(scene, root, base_pose, cam, world, attached, state, padding, repeats_number, added)
+    return Case(scene, root, base_pose, world, attached, state, is_repeated, added)
 
 
 @pytest.mark.filterwarnings("ignore:.*enlarge the robot", "ignore:.*units")
@@ -286,29 +252,19 @@ def test_points_in_solids_of_a_scene_are_never_free(
     base_pose = case.base_pose if case.root == "hall" else None
     if case.clashes():
         event("names clash")
-        with pytest.raises(
-            (FileError, InputError), match=r"has the shape|has the object|has the id|has poses in|twice"
-        ):
-            build_arm_space(read_moveit_scene(file, plane_radius=RADIUS), arm, base_pose=base_pose)
+        with pytest.raises((FileError, InputError), match=r"has the object|has poses in|twice"):
+            build_arm_space(read_moveit_scene(file), arm, base_pose=base_pose)
         return
     if not case.world and not case.attached:
         with pytest.raises(InputError, match="holds no shape"):
-            read_moveit_scene(file, plane_radius=RADIUS)
+            read_moveit_scene(file)
         return
-    if not case.world and case.root == "hall" and {frame for _, _, frame, _ in case.attached} & {"hall", "cam"}:
-        event("unknown frame")
-        with pytest.raises(InputError, match="the arm has no such frame"):
-            build_arm_space(read_moveit_scene(file, plane_radius=RADIUS), arm, base_pose=base_pose)
-        return
-    if not case.world:
-        base_pose = None
-    space = build_arm_space(read_moveit_scene(file, plane_radius=RADIUS), arm, base_pose=base_pose)
+    space = build_arm_space(read_moveit_scene(file), arm, base_pose=base_pose)
     assert len(space.obstacles) == sum(len(parts) for _, parts in case.world.values())
     assert len(space.arm.links) == 1 + sum(len(parts) for _, _, _, parts in case.attached)
     # Frames in the frame of the base; those of links where the state has them.
     of = {name: pose_of(path, name, case.state) for name in FRAMES}
     of |= {"world": np.eye(4), "hall": np.linalg.inv(case.base_pose)}
-    of["cam"] = of[case.root] @ case.cam
     rng = np.random.default_rng(seed)
     root_to_base, base_to_root = of[case.root], np.linalg.inv(of[case.root])
     solids = []
@@ -317,10 +273,10 @@ def test_points_in_solids_of_a_scene_are_never_free(
             points = part.points(base_to_root @ of[frame], rng)
             solids.append((name, points @ root_to_base[:3, :3].T + root_to_base[:3, 3]))
     tip, home = of["tip"], pose_of(path, "tip", {})[:3, 3]
-    grips = [("tip", np.zeros((1, 3)), case.padding["tip"] + 0.5 * SIDE)]
-    for name, carrier, frame, parts in case.attached:
+    grips = [("tip", np.zeros((1, 3)), 0.5 * SIDE)]
+    for name, _, frame, parts in case.attached:
         # The joints only slide, so that the tip keeps its rotation.
-        grips += [(str(name), each.points(of[frame], rng) - tip[:3, 3], case.padding[carrier]) for each in parts]
+        grips += [(str(name), each.points(of[frame], rng) - tip[:3, 3], 0.0) for each in parts]
     tested = 0
     for (grip, points, reach), (name, obstacles) in product(grips, solids):
         if case.may_touch(grip, name):
@@ -333,8 +289,7 @@ def test_points_in_solids_of_a_scene_are_never_free(
         assert not len(q) or not space.is_free(q).any()
         tested += len(q)
     event(f"{'some' if tested else 'no'} points")
-    if not any(part.kind == "plane" for _, parts in case.world.values() for part in parts):
-        assert space.is_free((LIMIT, LIMIT, LIMIT)) or any(frame != "tip" for _, _, frame, _ in case.attached)
+    assert space.is_free((LIMIT, LIMIT, LIMIT)) or any(frame != "tip" for _, _, frame, _ in case.attached)
     for _, obstacles in solids:
         check_cells(file, obstacles @ base_to_root[:3, :3].T + base_to_root[:3, 3])
 

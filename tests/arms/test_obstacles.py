@@ -1,7 +1,6 @@
 """Workspaces, cells and clouds as obstacles of arms, against FCL."""
 
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -252,32 +251,3 @@ def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(angles: Any, at: An
     back = (corners - pose[:3, 3]) @ pose[:3, :3]
     volume = (np.einsum("ij,ij->i", np.cross(back[:, 0], back[:, 1]), back[:, 2]) @ windings) / 6.0
     assert volume == pytest.approx(outer.volume + cavity.volume)
-
-
-def test_scenes_that_share_a_store_are_those_of_stores_of_their_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Make more scenes than one store has room for, also in threads, and keep the first ones."""
-    monkeypatch.setattr("cspace.arms.scenes._SHARED_SPARE_ROWS", 5000)
-    path, rng = planar(tmp_path), np.random.default_rng(0)
-    arm, points = Arm.from_urdf(path), rng.uniform(-3, 3, (300, 2))
-    scenes = [
-        {
-            f"obstacle {k}": PosedShape(
-                Robot.cylinder(0.2, 0.4).shape if k % 2 else Robot.box((0.3, 0.3, 0.3)).shape, at
-            )
-            for k, at in enumerate(pose_at(r * np.cos(a), r * np.sin(a)) for a, r in rng.uniform(1, 2, (3, 2)) * (6, 1))
-        }
-        for _ in range(12)
-    ]
-    shared = [build_arm_space(scene, arm) for scene in scenes[:6]]
-    with ThreadPoolExecutor(3) as pool:
-        shared += pool.map(lambda scene: build_arm_space(scene, arm), scenes[6:])
-    stores = {id(space._snapshot.packed.store) for space in shared}
-    assert 1 < len(stores) < len(scenes)
-    for scene, space in zip(scenes, shared, strict=True):
-        alone = build_arm_space(scene, Arm.from_urdf(path))
-        states = np.asarray(space.classify(points))
-        np.testing.assert_array_equal(states, alone.classify(points))
-        np.testing.assert_array_equal(space.obstacle_distance(points), alone.obstacle_distance(points))
-        assert len(set(states.tolist())) > 1

@@ -1,5 +1,8 @@
 """Arms among obstacles: FREE, BLOCKED and motions, against FCL."""
 
+import copy
+import itertools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -419,3 +422,27 @@ def test_paths_and_roadmaps_refuse_long_turns_of_continuous_joints(tmp_path: Pat
     assert space.certify_path(rows, [(0, 1), (1, 2), (0, 3)]).all()
     limited = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
     assert limited.certify_path([(-3.0, 0.0), (3.0, 0.0)]).all()
+
+
+def test_a_tuple_is_answered_and_refused_as_an_array(tmp_path: Path) -> None:
+    arm, rng = Arm.from_urdf(planar(tmp_path)), np.random.default_rng(4)
+    space = build_arm_space({"post": PosedShape(Robot.ball(0.4).shape, pose_at(1.5, 1.0, 0))}, arm)
+    points = rng.uniform(-2.0, 2.0, (60, 2))
+    states = [space.is_free(tuple(q)) for q in points.tolist()]
+    assert 0 < sum(states) < len(states)
+    assert states == space.is_free(points).tolist()
+    motions = [space.motion_is_free(tuple(a), tuple(b)) for a, b in itertools.pairwise(points.tolist())]
+    assert motions == space.motion_is_free(points[:-1], points[1:]).tolist()
+    q = tuple(points[states.index(False)].tolist())
+    bare = copy.copy(space)
+    bare.remove_obstacle("post")
+    assert bare.is_free(q) and not space.is_free(q)
+    for wrong in ((0.0,), (0.0, "a"), (0.0, math.nan), (0.0, 0.0, 0.0)):
+        messages = []
+        for form in (tuple, list):
+            with pytest.raises(InputError) as caught:
+                space.is_free(form(wrong))  # type: ignore[arg-type]
+            messages.append(caught.value.rule)
+        assert messages[0] == messages[1]
+    with pytest.raises(InputError):
+        space.motion_is_free((0.0,), (0.0, 0.0, 0.0))

@@ -92,7 +92,7 @@ def test_containment_stops_at_the_first_body(monkeypatch):
     assert space.is_free((1.2, 1.2), exact=True) and len(asked) == 3
 
 
-def test_decided_cells_need_no_geometry(make):
+def test_decided_cells_need_no_geometry(make, monkeypatch):
     space = make()
     q = list_centers(space)
     q = q[space.classify(q) != MIXED]
@@ -102,7 +102,8 @@ def test_decided_cells_need_no_geometry(make):
     states = space.cell_states.reshape(-1, *space.grid.shape)[np.unique(slices, return_index=True)[1]]
     of = space.workspace, space.robot, space.rotations, slices, states
     # Proofs are None, so that any query beyond the cells fails.
-    silent = cspace.CSpace(Contents(*of, margin=space.margin, prove=lambda problem: None))
+    monkeypatch.setattr(cspace.exact.proofs, "BoundaryProofs", lambda problem: None)
+    silent = cspace.CSpace(Contents(*of, margin=space.margin))
     np.testing.assert_array_equal(silent.is_free(q, exact=True), space.classify(q) == cspace.FREE)
     assert silent.motion_is_free(*(q[through] for q in edges), exact=True).all()
 

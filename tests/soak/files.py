@@ -134,21 +134,19 @@ def _write_scene() -> str:
         "primitive_poses": [pose] * 4,
         "meshes": [mesh, {"resource": "box.stl", "dimensions": [1, 1, 0.5]}],
         "mesh_poses": [pose] * 2,
-        "planes": [{"coef": [0, 0, 1, 0.5]}],
-        "plane_poses": [pose],
     }
     ball = {"type": 2, "dimensions": [0.1]}
     mug = {"id": "mug", "header": {"frame_id": "tool"}, "primitives": [ball], "primitive_poses": [pose]}
-    link = {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}
+    still = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1]}
     scene = {
         "world": {"collision_objects": [one]},
-        "fixed_frame_transforms": [{"header": {"frame_id": "shelf"}, "child_frame_id": "world", "transform": link}],
+        "fixed_frame_transforms": [{"header": {"frame_id": "shelf"}, "child_frame_id": "world", "transform": still}],
         "robot_state": {
             "joint_state": {"name": ["a", "b"], "position": [0.5, 1]},
             "attached_collision_objects": [{"link_name": "tool", "object": mug, "touch_links": ["hand"]}],
         },
         "allowed_collision_matrix": {"entry_names": ["a", "b"], "entry_values": [[False, True], [True, False]]},
-        "link_padding": [{"link_name": "tool", "padding": 0.01}],
+        "link_padding": [{"link_name": "tool", "padding": 0.0}],
     }
     return json.dumps(scene)
 
@@ -183,7 +181,7 @@ def open_file(path: Path) -> object:
     if path.name.startswith("robot"):
         return Robot.open(path)
     if path.name.startswith("scene"):
-        return read_moveit_scene(path, plane_radius=2.0)
+        return read_moveit_scene(path)
     if path.name.startswith("request"):
         return read_moveit_request(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
