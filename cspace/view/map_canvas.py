@@ -22,7 +22,7 @@ from cspace.plot.artists import (
     ROBOT_FILL_COLOR,
     UNDECIDED,
 )
-from cspace.plot.route import RobotGlyph
+from cspace.plot.route import Body
 from cspace.rotations import Rotations
 from cspace.view.canvas import MARKS, PATH_POINTS, Canvas, Dial, farthest_pair, sample_free_configurations
 from cspace.view.level_of_detail import Blocks, Cells, Part, choose_part
@@ -66,7 +66,7 @@ class MapCanvas(Canvas):
         given = {name: space.rotations._make_canonical(q, name) for name, q in marks.items()}
         super().__init__(server, space, _choose_endpoints(space, cells) | given)
         self.cells, self.is_quick = cells, cells.is_quick
-        self.glyph = RobotGlyph(space.robot, space.rotations)
+        self.glyph = Body(space.robot, space.rotations)
         self.poses = Poses(space.grid.dim, space.rotations)
         longest = cells.grid.spacing * max(cells.grid.shape)
         self.size = max(self.glyph.size, 0.012 * longest)
