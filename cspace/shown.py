@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
+    from cspace.map.contents import Contents
     from cspace.plot.arms import ArmPlotOptions
     from cspace.plot.picture import PlotOptions, WorkspaceOptions
     from cspace.view.viewer import Viewer, ViewOptions
@@ -159,7 +160,7 @@ class SpaceView:
 class MapExport(NotebookPicture):
     """Files and messages of a map in memory."""
 
-    _contents: Any
+    _contents: Contents
     _write: Callable[..., None]
 
     def to_xarray(self) -> xarray.Dataset:

@@ -360,13 +360,15 @@ def thumbnail(subject: object) -> bytes:
         artists.draw_robots(ax, body, origin)
         ax.update_datalim(body.extent(origin[0])[:, :2])
         ax.plot(0.0, 0.0, "k+", markersize=10.0)
-    ax.margins(0.0 if ax.images else 0.12)
-    ax.autoscale_view()
     ax.set_aspect("equal", adjustable="datalim")
     if ax.images:
         left, right, bottom, top = ax.images[0].get_extent()
+        ax.set(xlim=(left, right), ylim=(bottom, top))
         sides = np.array([right - left, top - bottom])
         figure.set_size_inches(*(_THUMBNAIL_INCHES * sides / sides.max()))
+    else:
+        ax.margins(0.12)
+        ax.autoscale_view()
     return artists.render_png(figure)
 
 

@@ -85,7 +85,7 @@ class Painting:
         ax.set(xlabel=labels[0], ylabel=labels[1], zlabel=labels[2])
         ax.tick_params(labelsize=8)
         ax.grid(visible=False)
-        ax.set_box_aspect(np.maximum(lengths, self.size / artists.MAX_ASPECT_RATIO), zoom=1.1)
+        ax.set_box_aspect(np.maximum(lengths, self.size / artists.MAX_ASPECT_RATIO))
         ax.set_proj_type("ortho")
         ax.view_init(*angles)
 
@@ -120,7 +120,7 @@ class Painting:
             polygons,
             facecolors=colors,
             edgecolors=colors,
-            linewidths=0.5,
+            linewidths=0.8,
             rasterized=True,
             zorder=1,
         )

@@ -16,7 +16,7 @@ from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
 from cspace.check import check_count, check_finite
 from cspace.compiling import compilable
 from cspace.errors import InputError
-from cspace.rotations.base import COVERING_ANGLE, DIAL_OFFSETS, Coordinate, Dial, RotationCell, Rotations, Symmetric
+from cspace.rotations.base import COVERING_ANGLE, Coordinate, RotationCell, Rotations, Symmetric
 
 NORM_SLACK: Final = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""
@@ -33,8 +33,6 @@ MAX_SUGGESTED_PARTS: Final = 16
 OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Indices of the other three components, for each component of a quaternion."""
 
-DIAL_HEADINGS: Final = (0, 60, 120, 180, 240, 300)
-"""Headings of the discs that show rotations, in degrees about z."""
 
 _HALF_TURNS: Final = np.array([np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float)
 """Matrices of the half turns about x, y and z, and the identity."""
@@ -352,23 +350,6 @@ class QuaternionRotations(Rotations):
                     parts[:, over] = [np.full(len(over), largest), *others]
                 columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
         return np.stack(columns, axis=1).astype(np.int64)
-
-    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
-        """Return discs of tilts, one for each heading.
-
-        After a rotation about z, the robot is not tilted at the center, and by half a turn at the rim.
-        """
-        from scipy.spatial.transform import Rotation
-
-        inside = np.hypot(x, y) <= 1.0
-        tips = Rotation.from_rotvec(np.pi * np.column_stack([-y[inside], x[inside], np.zeros(inside.sum())])).as_quat()
-        marks = (("upright", 0.0, 0.0), ("tipped to x", 0.6, 0.0), ("tipped to y", 0.0, 0.72))
-        dials = []
-        for degrees in DIAL_HEADINGS:
-            rotations_z = (np.radians(degrees) + DIAL_OFFSETS) * (0.0, 0.0, 1.0)
-            rotations = np.array([self._rotate(tips, turn) for turn in rotations_z])
-            dials.append(Dial(f"heading {degrees}°", inside, rotations, () if degrees else marks))
-        return dials
 
     def _compile(self, slice_of: Ints) -> QuaternionCells:
         """Return the record for kernels."""
