@@ -181,9 +181,7 @@ class MapExport(NotebookPicture):
 
         self._write(partial(save, path=path, overwrite=overwrite), exterior=True)
 
-    def export(
-        self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None
-    ) -> None:
+    def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
         """Write the map for other programs, in the format of the suffix.
 
         See :func:`cspace.export.maps.export`. Formats are ``.npz``, netCDF (``.nc``) and ParaView (``.vti``). Plane
@@ -195,9 +193,7 @@ class MapExport(NotebookPicture):
 
         self._write(partial(export, path=path, overwrite=overwrite, rotation=rotation))
 
-    def to_occupancy_grid(
-        self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
-    ) -> Any:
+    def to_occupancy_grid(self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str = "map") -> Any:
         """Return a plane map as a ROS occupancy grid.
 
         FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`Workspace.from_occupancy_grid` reads it back: as the

@@ -231,9 +231,7 @@ def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any
     rotation, zoom, center = (options.get(name) for name in ("rotation", "zoom", "center"))
     if rotation is not None and not has_rotations:
         hint = "omit it, or build the map with rotations"
-        raise InputError(
-            "rotation", f"is {rotation!r}", "the map has no rotations", hint, value=rotation
-        )
+        raise InputError("rotation", f"is {rotation!r}", "the map has no rotations", hint, value=rotation)
     for name, kinds in VIEW_OPTIONS.items():
         value = options.get(name)
         if value is not None and kind not in kinds:
@@ -246,9 +244,7 @@ def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any
             raise InputError("zoom", f"is {zoom!r}", rule, "pass e.g. 8", value=zoom)
     elif center is not None and kind != "sections":
         hint = "add e.g. zoom=8, or omit it"
-        raise InputError(
-            "center", "is given without zoom", "the whole map is drawn", hint, value=center
-        )
+        raise InputError("center", "is given without zoom", "the whole map is drawn", hint, value=center)
     return kind
 
 
@@ -296,15 +292,11 @@ def save_plot(
     """
     if "ax" in options:
         hint = "use plot and ax.figure.savefig instead"
-        raise InputError(
-            "ax", "is given", "save_plot draws a new figure", hint, value=options["ax"]
-        )
+        raise InputError("ax", "is given", "save_plot draws a new figure", hint, value=options["ax"])
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 
-def save_figure(
-    draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float
-) -> Path:
+def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float) -> Path:
     """Save the figure that ``draw`` returns, after checking the other arguments.
 
     Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above zero or too large;

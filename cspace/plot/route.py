@@ -97,9 +97,7 @@ class Body:
             self.points, faces = simplify_surface(robot.shape.outer.surface)
             self.triangles = self.points[faces]
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
-        self.size = float(
-            np.linalg.norm(np.ptp(np.vstack([self.points, np.zeros(self.dim)]), axis=0))
-        )
+        self.size = float(np.linalg.norm(np.ptp(np.vstack([self.points, np.zeros(self.dim)]), axis=0)))
 
     def transform(self, points: Floats, q: Floats) -> Floats:
         """Transform points, shape (..., d), from the robot's frame to the map's."""
@@ -116,8 +114,9 @@ class Body:
             return [self.transform(ring, q) for ring in self.rings]
         triangles = shapely.polygons(self.transform(self.triangles, q)[..., list(pair)])
         seen = triangles[shapely.area(triangles) > 0.0]
-        # Rounding to a grid closes the gaps that rounding errors leave between triangles.
-        return outline_rings(shapely.union_all(seen, grid_size=1e-6 * self.size))
+        rings = outline_rings(shapely.union_all(seen, grid_size=1e-9 * self.size))
+        # Rounding leaves thin gaps between triangles, which would appear as dashes.
+        return [ring for ring in rings if shapely.Polygon(ring).area > 1e-6 * self.size**2]
 
     def noses(self, q: Floats) -> list[Floats]:
         """Return the nose at a configuration, if it has a heading."""
@@ -256,9 +255,7 @@ def check_path(space: HasAxes, path: Any) -> Floats:
         return np.empty((0, size))
     if points.ndim != 2 or points.shape[1] != size:
         hint = f"pass rows of ({', '.join(space.axes)})"
-        raise InputError(
-            "path", f"has shape {points.shape}", f"it must be (n, {size})", hint, value=path
-        )
+        raise InputError("path", f"has shape {points.shape}", f"it must be (n, {size})", hint, value=path)
     return points
 
 
@@ -294,9 +291,7 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
     return rows.reshape(-1, points.shape[1])
 
 
-def collect_marks(
-    space: HasAxes, path: Any, points: Floats, start: Any, goal: Any
-) -> dict[str, Floats]:
+def collect_marks(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
     """Return start and goal by name; by default, the path or plan gives them."""
     marks = {}
     size = len(space.axes)
@@ -326,9 +321,7 @@ def _choose_stations(body: Body, points: Floats, every: float | None, zoom: floa
     return body.interpolate(points, np.arange(1, count) / max(count, 1))
 
 
-def _choose_center(
-    space: MapLike, center: Any, body: Body, points: Floats, marks: dict[str, Floats]
-) -> Floats:
+def _choose_center(space: MapLike, center: Any, body: Body, points: Floats, marks: dict[str, Floats]) -> Floats:
     """Return the point of the grid through which sections are cut.
 
     Default: half the way along the path; without a path the start, the goal, or the center of the

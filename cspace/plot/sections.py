@@ -34,7 +34,8 @@ def draw_plane(scene: Scene, ax: Axes | None) -> tuple[Axes, list[Any]]:
 
 def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
     """Draw three sections; return the axes seen from above and the legend entries."""
-    x, y, z = scene.box[1] - scene.box[0]
+    lengths = scene.box[1] - scene.box[0]
+    x, y, z = np.maximum(lengths, lengths.max() / artists.MAX_ASPECT_RATIO)
     scale = min(_SECTIONS_INCHES[0] / (x + y), _SECTIONS_INCHES[1] / (y + z))
     figure = artists.new_figure(max(scale * (x + y) + 1.5, 5.0), scale * (y + z) + 2.5)
     cells = figure.add_gridspec(2, 2, width_ratios=(x, y), height_ratios=(z, y))
@@ -68,9 +69,7 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
     ax.axhline(scene.center[pair[1]], **trace)
     digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
     height = round(float(scene.center[across]), digits) + 0.0  # no minus sign before zero
-    ax.set_title(
-        f"{grid.axes[across]} = {height:.10g} {grid.units[across]}", loc="left", fontsize=9
-    )
+    ax.set_title(f"{grid.axes[across]} = {height:.10g} {grid.units[across]}", loc="left", fontsize=9)
     ax.tick_params(labelsize=8)
     return classes
 

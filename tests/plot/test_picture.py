@@ -253,7 +253,7 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape: tuple[int, in
     corner = np.array([left, bottom]) + dark[0][::-1] * size
     center = (np.array(cell) + 0.5) * 0.1
     assert ((corner <= center) & (center <= corner + size)).all()
-    assert rows < ax.bbox.height and columns < ax.bbox.width or min(shape) == 7
+    assert (rows < ax.bbox.height and columns < ax.bbox.width) or min(shape) == 7
 
 
 def test_holes_of_the_robot_stay_open() -> None:
