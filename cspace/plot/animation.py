@@ -181,7 +181,8 @@ def _draw_plane(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list
     from matplotlib.patches import PathPatch
 
     first = scene.points[0]
-    axes, handles = draw_plane(scene._replace(rotation=first[2:], stations=scene.stations[:0]), None)
+    still = scene._replace(rotation=first[2:], stations=scene.stations[:0])
+    axes, handles = draw_plane(still, None)
     image = axes.images[0]
     side = artists.block_side(axes, artists.classify_cells(scene.space, first[2:]))
     colors = artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR
@@ -233,7 +234,8 @@ def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
     samples = np.concatenate(frames[:: max(1, len(frames) // 6)])
     palette = Image.fromarray(samples).quantize(_PALETTE_COLORS, Image.Quantize.MAXCOVERAGE)
     # No dithering: it would flicker and enlarge the file.
-    images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    style: dict[str, Any] = {"palette": palette, "dither": Image.Dither.NONE}
+    images = [Image.fromarray(frame).quantize(**style) for frame in frames]
     images[0].save(
         file,
         format="GIF",

@@ -73,7 +73,8 @@ class ArmFigure:
     def camera_azimuth(self, low: Floats, high: Floats) -> float:
         """Return the azimuth of a camera opposite the obstacles, radians."""
         margin = VIEW_MARGIN_SHARE * float(np.max(high - low))
-        clipped = [points.clip(low - margin, high + margin) for points, _ in self.obstacles.values()]
+        ends = low - margin, high + margin
+        clipped = [points.clip(*ends) for points, _ in self.obstacles.values()]
         if clipped:
             behind = np.mean([points.mean(axis=0) for points in clipped], axis=0) - (low + high) / 2
             if np.hypot(*behind[:2]) > 0.2 * margin:
@@ -113,7 +114,8 @@ def joint_lengths(points: Floats) -> Floats:
 def interpolate_joints(points: Floats, shares: Floats) -> Floats:
     """Interpolate a path at shares, 0 to 1, of its joint-space length; return shape (n, size)."""
     lengths = joint_lengths(points)
-    return np.stack([np.interp(shares * lengths[-1], lengths, joint) for joint in points.T], axis=-1)
+    at = shares * lengths[-1]
+    return np.stack([np.interp(at, lengths, joint) for joint in points.T], axis=-1)
 
 
 class ArmPlotOptions(TypedDict, total=False):

@@ -44,7 +44,7 @@ CLASSES: Final = (
     ("obstacle", "#262626"),
 )
 OPEN, PARTLY, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
-CLASS_COLORS: Final = np.array([tuple(bytes.fromhex(color[1:])) for _, color in CLASSES], dtype=np.uint8)
+CLASS_COLORS: Final = np.array([[*bytes.fromhex(color[1:])] for _, color in CLASSES], np.uint8)
 """Red, green and blue of each class, 0 to 255."""
 LABELS_OVER_ROTATIONS: Final = {
     OPEN: "free at every rotation",

@@ -1,4 +1,4 @@
-"""plot: a picture of a map, with a path and the robot along it. thumbnail: a small one for notebooks."""
+"""plot: a picture of a map, with a path and robots. thumbnail: a small one for notebooks."""
 
 from __future__ import annotations
 
@@ -231,7 +231,8 @@ def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any
     rotation, zoom, center = (options.get(name) for name in ("rotation", "zoom", "center"))
     if rotation is not None and not has_rotations:
         hint = "omit it, or build the map with rotations"
-        raise InputError("rotation", f"is {rotation!r}", "the map has no rotations", hint, value=rotation)
+        problem, rule = f"is {rotation!r}", "the map has no rotations"
+        raise InputError("rotation", problem, rule, hint, value=rotation)
     for name, kinds in VIEW_OPTIONS.items():
         value = options.get(name)
         if value is not None and kind not in kinds:
@@ -243,8 +244,8 @@ def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any
             rule = "it must be at least 1 (the whole map)"
             raise InputError("zoom", f"is {zoom!r}", rule, "pass e.g. 8", value=zoom)
     elif center is not None and kind != "sections":
-        hint = "add e.g. zoom=8, or omit it"
-        raise InputError("center", "is given without zoom", "the whole map is drawn", hint, value=center)
+        problem, rule = "is given without zoom", "the whole map is drawn"
+        raise InputError("center", problem, rule, "add e.g. zoom=8, or omit it", value=center)
     return kind
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 ROBOTS_PER_PATH: Final = 12
 """Default number of robots drawn along a path, roughly."""
-CLUSTERS_PER_SIDE: Final = 24
+CLUSTERS_PER_SIDE: Final = 20
 """Vertices of a detailed surface are merged on a lattice with this many steps along its side."""
 MAX_DETAILED_FACES: Final = 2000
 """Surfaces with more triangles are simplified before they are drawn."""
@@ -97,7 +97,8 @@ class Body:
             self.points, faces = simplify_surface(robot.shape.outer.surface)
             self.triangles = self.points[faces]
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
-        self.size = float(np.linalg.norm(np.ptp(np.vstack([self.points, np.zeros(self.dim)]), axis=0)))
+        with_origin = np.vstack([self.points, np.zeros(self.dim)])
+        self.size = float(np.linalg.norm(np.ptp(with_origin, axis=0)))
 
     def transform(self, points: Floats, q: Floats) -> Floats:
         """Transform points, shape (..., d), from the robot's frame to the map's."""
@@ -255,7 +256,8 @@ def check_path(space: HasAxes, path: Any) -> Floats:
         return np.empty((0, size))
     if points.ndim != 2 or points.shape[1] != size:
         hint = f"pass rows of ({', '.join(space.axes)})"
-        raise InputError("path", f"has shape {points.shape}", f"it must be (n, {size})", hint, value=path)
+        problem, rule = f"has shape {points.shape}", f"it must be (n, {size})"
+        raise InputError("path", problem, rule, hint, value=path)
     return points
 
 

@@ -69,7 +69,8 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
     ax.axhline(scene.center[pair[1]], **trace)
     digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
     height = round(float(scene.center[across]), digits) + 0.0  # no minus sign before zero
-    ax.set_title(f"{grid.axes[across]} = {height:.10g} {grid.units[across]}", loc="left", fontsize=9)
+    name, unit = grid.axes[across], grid.units[across]
+    ax.set_title(f"{name} = {height:.10g} {unit}", loc="left", fontsize=9)
     ax.tick_params(labelsize=8)
     return classes
 

@@ -34,6 +34,8 @@ _DARKEST: Final = 0.42
 _NORMAL_BRIGHTNESS: Final = (0.2, 0.32, 0.5)
 """Brightness added to the darkest for the components of a face's normal along x, y and z."""
 _FIGURE_INCHES: Final = (7.0, 6.0)
+_PIECES: Final = 64
+"""Number of pieces of each step of a path."""
 _FACE_CORNERS: Final = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
 """Corners of a cell's face, in the plane of the face."""
 
@@ -99,6 +101,11 @@ class Painting:
 
     def add_path(self, curve: Floats, lost: Bools) -> None:
         """Draw a path, shape (n, 3), over everything; omit what is outside the box."""
+        # Short pieces end close to the border of the box.
+        rows = np.arange(len(curve) * _PIECES - _PIECES + 1) / _PIECES
+        if len(curve) > 1:
+            curve = np.stack([np.interp(rows, np.arange(len(curve)), c) for c in curve.T], axis=-1)
+            lost = np.repeat(lost, _PIECES)
         inside = ((curve >= self._box[0]) & (curve <= self._box[1])).all(axis=1)
         shown = np.where(inside[:, np.newaxis], curve, np.nan)
         for line in artists.draw_path(self.axes, shown, lost, (0, 1, 2)):
@@ -263,5 +270,6 @@ def split_triangles(triangles: Floats, size: float) -> Floats:
 
     corners = triangles.reshape(-1, 3)
     faces = np.arange(len(corners)).reshape(-1, 3)
-    vertices, faces = subdivide_to_size(corners, faces, size / 10.0)  # type: ignore[no-untyped-call]
+    subdivide: Any = subdivide_to_size
+    vertices, faces = subdivide(corners, faces, size / 10.0)
     return np.asarray(vertices[faces][:, [0, 1, 2, 2]])

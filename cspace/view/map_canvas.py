@@ -156,12 +156,11 @@ class MapCanvas(Canvas):
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether a path exists."""
-        connected, disconnected = self._space._connectivity(q0, q1)
-        if connected:
+        if self._space.is_connected(q0, q1):
             return "**A path exists: proven.**"
-        return (
-            "**No path exists: proven.**" if disconnected else "Whether a path exists is undecided at this resolution."
-        )
+        if self._space.is_disconnected(q0, q1):
+            return "**No path exists: proven.**"
+        return "Whether a path exists is undecided at this resolution."
 
     # ---- robot, marks and path ---------------------------------------------------------------------------------------
 

@@ -84,11 +84,10 @@ def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> Non
     assert solid[tuple(hall.grid.cell_of(centers - step).T)].all()
     ahead = centers + step
     inside = hall.grid.contains(ahead)
-    faced = solid[tuple(hall.grid.cell_of(ahead[inside]).T)]
-    assert not faced.any()
+    assert not solid[tuple(hall.grid.cell_of(ahead[inside]).T)].any()
     full = to_rgb(surface.SURFACES[shown][1])
     assert (colors <= np.array(full) + 1e-9).all()
-    assert len(np.unique(colors.round(3), axis=0)) > 3
+    assert len(np.unique(colors.round(3), axis=0)) == 3
 
 
 def test_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
@@ -98,7 +97,7 @@ def test_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
     near = np.abs(corners[green] - SURFACE_PATH[0]).max(axis=(1, 2)) < 0.26
     np.testing.assert_allclose(np.ptp(corners[green][near].reshape(-1, 3), axis=0), (0.5, 0.4, 0.3))
     lines = {line.get_label(): np.transpose(line.get_data_3d()) for line in ax.lines}
-    np.testing.assert_allclose(lines["path"], SURFACE_PATH)
+    np.testing.assert_allclose(lines["path"][::64], SURFACE_PATH)
     np.testing.assert_allclose(lines["start"], SURFACE_PATH[:1])
     np.testing.assert_allclose(lines["goal"], SURFACE_PATH[-1:])
     assert labels(ax) == ["obstacle", "robot", "path", "start", "goal"]
