@@ -29,7 +29,7 @@ DEFAULT_CAMERA: Final = (40.0, -62.0)
 MAX_FACES: Final = 20_000
 """Maximum number of faces of cells; cells are merged into blocks to reach it."""
 _WALL_SHARE: Final = 0.8
-"""Minimum share of solid cells in the outermost layer of a wall around the map."""
+"""Minimum share of solid cells in a layer of a wall in front of the map."""
 _DARKEST: Final = 0.42
 _NORMAL_BRIGHTNESS: Final = (0.2, 0.32, 0.5)
 """Brightness added to the darkest for the components of a face's normal along x, y and z."""
@@ -208,8 +208,8 @@ def border_faces(levels: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, By
     """Return the faces of solid cells towards a camera, and their levels.
 
     Cells are solid if their level is above zero. They are merged into blocks, with the largest
-    level in each, until there are at most :data:`MAX_FACES` faces. Outer faces of walls around the
-    map are omitted, so that the camera sees into it; the top of a map that ``is_cut`` is no wall.
+    level in each, until there are at most :data:`MAX_FACES` faces. Walls in front of the map are
+    omitted, so that the camera sees into it; the top of a map that ``is_cut`` is no wall.
 
     Returns
     -------
@@ -217,27 +217,42 @@ def border_faces(levels: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, By
         In cells.
     levels : ndarray of uint8, shape (n,)
     """
+    first, stop = _find_inside(levels > 0, towards, is_cut)
+    levels = levels[tuple(map(slice, first, stop))]
     side = math.ceil(max(levels.shape) / 200)  # smaller blocks would be invisible in a picture
     while True:
         blocks = reduce_blocks(levels, block_starts(levels.shape, side))
-        cells, lattice = _visible_faces(blocks > 0, towards, is_cut)
+        cells, lattice = _visible_faces(blocks > 0, towards)
         if len(cells) <= MAX_FACES:
             break
         side += max(1, side // 4)
-    return np.minimum(side * lattice, levels.shape), blocks[tuple(cells.T)]
+    return first + np.minimum(side * lattice, levels.shape), blocks[tuple(cells.T)]
 
 
-def _visible_faces(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Ints]:
+def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Ints]:
+    """Return the first and last cells behind the walls at the camera's side.
+
+    A wall is mostly solid layers, fewer than half of all.
+    """
+    first, stop = np.zeros(3, np.int64), np.array(solid.shape)
+    for axis in range(2 if is_cut else 3):
+        shares = np.moveaxis(solid, axis, 0).mean(axis=(1, 2))
+        up = towards[axis] > 0.0
+        layers = int(np.argmin((shares[::-1] if up else shares) >= _WALL_SHARE))
+        if towards[axis] and 2 * layers < len(shares):
+            first[axis] += layers * (not up)
+            stop[axis] -= layers * up
+    return first, stop
+
+
+def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
     """Return cells, (n, 3), and corners, (n, 4, 3), of faces towards the camera."""
     cells = [np.empty((0, 3), np.int64)]
     corners = [np.empty((0, 4, 3), np.int64)]
+    padded = np.pad(solid, 1)
     for axis in np.flatnonzero(towards):
         up = int(towards[axis] > 0.0)
-        end = np.take(solid, [-1 if up else 0], axis)
-        is_wall = end.mean() >= _WALL_SHARE and not (is_cut and axis == 2)
-        beyond = np.full_like(end, is_wall)
-        padded = np.concatenate([solid, beyond] if up else [beyond, solid], axis)
-        ahead = np.take(padded, np.arange(solid.shape[axis]) + up, axis)
+        ahead = np.roll(padded, 1 - 2 * up, axis)[1:-1, 1:-1, 1:-1]
         exposed = np.argwhere(solid & ~ahead)
         cells.append(exposed)
         corners.append(exposed[:, np.newaxis] + np.insert(_FACE_CORNERS, axis, up, axis=1))
