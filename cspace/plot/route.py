@@ -113,11 +113,15 @@ class Body:
         """Return closed outlines at a configuration, projected on two axes."""
         if self.rings:
             return [self.transform(ring, q) for ring in self.rings]
-        triangles = shapely.polygons(self.transform(self.triangles, q)[..., list(pair)])
+        # At the origin, so that rounding does not grow with the distance from it.
+        position = q[: self.dim]
+        placed = self.transform(self.triangles, q) - position
+        triangles = shapely.polygons(placed[..., list(pair)])
         seen = triangles[shapely.area(triangles) > 0.0]
         rings = outline_rings(shapely.union_all(seen, grid_size=1e-9 * self.size))
         # Rounding leaves thin gaps between triangles, which would appear as dashes.
-        return [ring for ring in rings if shapely.Polygon(ring).area > 1e-6 * self.size**2]
+        outer = [ring for ring in rings if shapely.Polygon(ring).area > 1e-6 * self.size**2]
+        return [ring + position[list(pair)] for ring in outer]
 
     def noses(self, q: Floats) -> list[Floats]:
         """Return the nose at a configuration, if it has a heading."""
