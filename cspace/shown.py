@@ -1,10 +1,24 @@
-"""Methods that draw, view and export. Each resolves a function of a higher room by name when it is called.
+"""Methods that draw, view and export.
 
-So this module imports nothing above it. Signatures with types are in ``shown.pyi``.
+They alone import packages above their own, when they are called.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from functools import partial
-from pkgutil import resolve_name
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+
+    from cspace.map.contents import Contents
+    from cspace.plot.arms import ArmPlotOptions
+    from cspace.plot.picture import PlotOptions, WorkspaceOptions
+    from cspace.view.viewer import Viewer, ViewOptions
 
 
 class NotebookPicture:
@@ -12,9 +26,11 @@ class NotebookPicture:
 
     __slots__ = ()
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         """Return the repr and a small picture, for notebooks."""
-        return resolve_name("cspace.plot:as_html")(self, [repr(self)])
+        from cspace.plot import as_html
+
+        return as_html(self, [repr(self)])
 
 
 class WorkspacePlot(NotebookPicture):
@@ -22,7 +38,7 @@ class WorkspacePlot(NotebookPicture):
 
     __slots__ = ()
 
-    def plot(self, **options):
+    def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
         """Draw the obstacles; open no window.
 
         Parameters
@@ -41,25 +57,31 @@ class WorkspacePlot(NotebookPicture):
         InputError
             For the reasons of :func:`cspace.plot.plot`.
         """
-        return resolve_name("cspace.plot.maps:plot_map")(self, **options)
+        from cspace.plot import plot
+
+        space: Any = self
+        return plot(space, **options)
 
 
 class MapPlot:
     """Pictures of a map."""
 
-    def plot(self, **options):
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map, with the options of :func:`cspace.plot.plot`.
 
         Of a tiled map, an overview is drawn. No window opens; notebooks show the axes as the picture. If a path
         crosses the seam of continuous joints, the picture extends as far as the path.
         """
-        return resolve_name("cspace.plot.maps:plot_map")(self, **options)
+        from cspace.plot import plot
+
+        space: Any = self
+        return plot(space, **options)
 
 
 class ArmPlot:
     """Pictures of an arm."""
 
-    def plot(self, **options):
+    def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
         """Draw the arm, its obstacles and, as pale arms, a path.
 
         No window opens; notebooks show the axes as the picture.
@@ -86,13 +108,15 @@ class ArmPlot:
         InputError, ConfigurationError
             If a configuration has the wrong shape or is outside the limits, or ``ax`` has two dimensions.
         """
-        return resolve_name("cspace.plot.maps:plot_map")(self, **options)
+        from cspace.plot.arms import draw_arm
+
+        return draw_arm(self, **options)
 
 
 class SpaceView:
     """A page in the browser that shows a space."""
 
-    def view(self, *, block=True, **options):
+    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
         """Show the space on a page in the browser, and plan there.
 
         Needs ``pip install "cspace[view]"``. The page shows the obstacles, the robot, and the border of a map's
@@ -128,21 +152,28 @@ class SpaceView:
         MissingPackageError
             If viser is not installed.
         """
-        return resolve_name("cspace.view.viewer:open_viewer")(self, block, options)
+        from cspace.view.viewer import open_viewer
+
+        return open_viewer(self, block, options)
 
 
 class MapExport(NotebookPicture):
     """Files and messages of a map in memory."""
 
-    def to_xarray(self):
+    _contents: Contents
+    _write: Callable[..., None]
+
+    def to_xarray(self) -> xarray.Dataset:
         """Return the map with named dimensions, coordinates and units.
 
         See :func:`cspace.export.maps.to_xarray`.
         """
-        return resolve_name("cspace.export.maps:to_xarray")(self._contents)
+        from cspace.export.maps import to_xarray
 
-    def save(self, path, *, overwrite=False, compress=True):
-        """Save as a Zarr folder, complete or not at all.
+        return to_xarray(self._contents)
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Save as a Zarr folder, which :func:`cspace.open` reads.
 
         :func:`cspace.open`, ``xarray.open_zarr`` and any other reader of Zarr version 3 open it.
 
@@ -162,10 +193,11 @@ class MapExport(NotebookPicture):
         FileError
             If the output exists and may not be replaced, or cannot be written.
         """
-        options = {"path": path, "overwrite": overwrite, "compress": compress}
-        self._write(partial(resolve_name("cspace.save:save"), **options), exterior=True)
+        from cspace.save import save
 
-    def export(self, path, *, overwrite=False, rotation=None):
+        self._write(partial(save, path=path, overwrite=overwrite, compress=compress), exterior=True)
+
+    def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
         """Write the map for other programs, in the format of the suffix.
 
         See :func:`cspace.export.maps.export`. Formats are ``.npz``, netCDF (``.nc``) and ParaView (``.vti``). Plane
@@ -173,10 +205,11 @@ class MapExport(NotebookPicture):
         (``.ply``, ``.obj``, ``.stl``). Formats of one slice need its ``rotation`` if the robot rotates; ``.vti`` and
         ``.nc`` hold one slice or all.
         """
-        write = resolve_name("cspace.export.maps:export")
-        self._write(partial(write, path=path, overwrite=overwrite, rotation=rotation))
+        from cspace.export.maps import export
 
-    def to_occupancy_grid(self, msg=None, *, rotation=None, frame_id="map"):
+        self._write(partial(export, path=path, overwrite=overwrite, rotation=rotation))
+
+    def to_occupancy_grid(self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str = "map") -> Any:
         """Return a plane map as a ROS occupancy grid.
 
         FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`Workspace.from_occupancy_grid` reads it back: as the
@@ -202,9 +235,20 @@ class MapExport(NotebookPicture):
         InputError
             If the map is in space, the message lacks a field, or the map does not have the ``rotation``.
         """
-        return resolve_name("cspace.export.messages:occupancy_grid_of")(self, msg, rotation, frame_id)
+        from cspace.export.messages import occupancy_grid_of
 
-    def to_costmap(self, msg=None, *, inflation_radius=0.55, cost_scaling_factor=10.0, rotation=None, frame_id="map"):
+        space: Any = self
+        return occupancy_grid_of(space, msg, rotation, frame_id)
+
+    def to_costmap(
+        self,
+        msg: Any = None,
+        *,
+        inflation_radius: float = 0.55,
+        cost_scaling_factor: float = 10.0,
+        rotation: ArrayLike | None = None,
+        frame_id: str = "map",
+    ) -> Any:
         """Return a plane map as a Nav2 costmap.
 
         It is inflated by the robot itself. 254 is an obstacle, 255 unknown, 253 not proven free for the robot. A FREE
@@ -238,5 +282,7 @@ class MapExport(NotebookPicture):
         InputError
             If the map is in space, the message lacks a field, or an argument is not usable.
         """
-        fill = resolve_name("cspace.export.messages:costmap_of")
-        return fill(self, msg, inflation_radius, cost_scaling_factor, rotation, frame_id)
+        from cspace.export.messages import costmap_of
+
+        space: Any = self
+        return costmap_of(space, msg, inflation_radius, cost_scaling_factor, rotation, frame_id)

@@ -7,6 +7,7 @@ Two rooms are joined by a passage of 1 m. The robot, 0.9 m by 0.6 m, fits into i
 
 import math
 
+import matplotlib.pyplot as plt
 import numpy as np
 from shapely import box
 
@@ -37,5 +38,8 @@ save_plot(space, "doors.png", True, path=plan)
 # %%
 # Slices at a few yaws, and an animation.
 
-save_plot(space, "doors_slices.png", True, path=plan, view="panels")
+figure, panels = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
+for ax, degrees in zip(panels, (0, 45, 90), strict=True):
+    space.plot(ax=ax, rotation=math.radians(degrees), legend=False, title=f"yaw {degrees}°")
+figure.savefig("doors_slices.png")
 animate(space, plan, "doors_film.gif", True)

@@ -355,11 +355,10 @@ class Plan:
         InputError
             If the plan was pickled, which leaves the map behind; or as :func:`cspace.plot.plot`.
         """
-        from cspace.plot.maps import plot_map
-
-        space = self._map("draw it with space.plot(path=plan)")
+        space: Any = self._map("draw it with space.plot(path=plan)")
         options.setdefault("path", self)
-        return plot_map(space, **options)
+        axes: Axes = space.plot(**options)
+        return axes
 
     def animate(
         self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]

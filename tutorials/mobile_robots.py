@@ -8,6 +8,7 @@ From a floor plan to a path whose every edge is proven free, and to the proof th
 import math
 import tempfile
 
+import matplotlib.pyplot as plt
 from shapely import box
 
 import cspace
@@ -92,7 +93,10 @@ save_plot(space, "mobile_robots_3.png", True, path=plan)
 # %%
 # In yellow cells the robot fits at some yaws only. These are the slices at a few yaws:
 
-save_plot(space, "mobile_robots_4.png", True, view="panels")
+figure, panels = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
+for ax, degrees in zip(panels, (0, 45, 90), strict=True):
+    space.plot(ax=ax, rotation=math.radians(degrees), legend=False, title=f"yaw {degrees}°")
+figure.savefig("mobile_robots_4.png")
 
 # %%
 # Moving obstacles

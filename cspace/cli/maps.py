@@ -167,20 +167,17 @@ def picture(
     rotation: Annotated[
         str | None,
         typer.Option(
-            metavar="ROTATION[,...]",
-            help="Show the slice at this rotation, e.g. 90deg or 0,0,0,1, or a panel for each  [default: all of them].",
+            metavar="ROTATION",
+            help="Show the slice at this rotation, e.g. 90deg or 0,0,0,1  [default: all of them].",
         ),
     ] = None,
     view: Annotated[
-        Literal["plane", "sections", "3d", "panels", "rotations"] | None,
-        typer.Option(
-            help="Of a map in space, sections or 3d; of one with rotations, panels, or all rotations at one position, "
-            "too  [default: chosen]."
-        ),
+        Literal["plane", "sections", "3d"] | None,
+        typer.Option(help="Of a map in space: sections or 3d  [default: sections]."),
     ] = None,
     center: Annotated[
         str | None,
-        typer.Option(metavar="X,Y[,Z]", help="The point of sections, and of rotations, metres  [default: chosen]."),
+        typer.Option(metavar="X,Y[,Z]", help="The point of sections or of --zoom, metres  [default: chosen]."),
     ] = None,
     zoom: Annotated[
         float | None, typer.Option(metavar="TIMES", help="Show a part only, so many times larger, around --center.")

@@ -240,7 +240,7 @@ def parse_configuration(
     rule = f"the map's configurations are {','.join(axes)}, in {'metres' if 'm' in units else 'radians or degrees'}"
     if "m" in units:
         rule += "".join(f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad")
-    return _parse_rows(text, argument, axes, units, rule, 1)[0]
+    return _parse_numbers(text, argument, axes, units, rule)
 
 
 def read_marks(
@@ -269,38 +269,32 @@ def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
     return [known.get(axis, "90deg" if unit == "rad" else "0.2") for axis, unit in zip(axes, units, strict=True)]
 
 
-def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> Any:
-    """Parse one or several rotations in an argument such as ``rotation``.
+def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> tuple[float, ...]:
+    """Parse the rotation in an argument such as ``rotation``.
 
-    Raises InputError if the map has no rotations, or if the text is no selection of them.
+    Raises InputError if the map has no rotations, or if the text is no rotation of it.
     """
     names = [axis for axis in axes if axis not in ("x", "y", "z")]
     if not names:
         hint = "omit it, or build the map with --rotations 72"
         raise InputError(argument, f"is {text!r}", "the map has no rotations", hint, value=text)
-    rule = f"it must be {','.join(names)}, or several of them"
-    rows = _parse_rows(text, argument, names, _axis_units(names), rule, len(text))
-    return rows if len(rows) > 1 else rows[0]
+    return _parse_numbers(text, argument, names, _axis_units(names), f"it must be {','.join(names)}")
 
 
-def _parse_rows(
-    text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str, max_rows: int
-) -> list[tuple[float, ...]]:
-    """Parse numbers into at most ``max_rows`` rows, one number for each axis."""
-    fields, n = text.split(","), len(axes)
+def _parse_numbers(text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str) -> tuple[float, ...]:
+    """Parse one number for each axis, separated by commas."""
+    fields = text.split(",")
+    numbers = []
     try:
-        if len(fields) % n or len(fields) > max_rows * n:
-            raise ValueError
-        numbers = []
-        for k, field in enumerate(fields):
-            is_angle = units[k % n] == "rad"
-            numbers.append(parse_angle(field, argument, axes[k % n]) if is_angle else float(field))
+        for field, axis, unit in zip(fields, axes, units, strict=True):
+            is_angle = unit == "rad"
+            numbers.append(parse_angle(field, argument, axis) if is_angle else float(field))
     except InputError:
         raise
     except ValueError:
         hint = f"write e.g. {argument}={','.join(_example_values(axes, units))}"
         raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
-    return [tuple(numbers[k : k + n]) for k in range(0, len(fields), n)]
+    return tuple(numbers)
 
 
 def parse_box(text: str, argument: str) -> tuple[float, ...]:

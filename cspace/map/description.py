@@ -164,15 +164,9 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """Return the arrays of a map, by the names of :func:`stored`.
 
-    <<<<<<< HEAD
     No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``,
-    ``unknown`` if there are such cells, ``overlap_counts`` and the overlap field if the map has them, the arrays of
-    rotation cells if the robot rotates, and ``shapes`` if the obstacles have shapes.
-    =======
-    No cells are copied; states may be packed in two bits. Optional arrays are ``inner`` if it differs from ``outer``,
     ``unknown`` if there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if the
     robot rotates, and ``shapes`` if the obstacles have shapes.
-    >>>>>>> spectral
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {

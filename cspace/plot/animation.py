@@ -1,10 +1,9 @@
-"""animate: a robot moving along a path; in the plane, beside the C-obstacle at its rotation."""
+"""animate: a robot moving along a path."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, cast
 
@@ -16,29 +15,31 @@ from cspace.check import check_positive
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
-from cspace.plot.arms import MovingArm, interpolate_joints
-from cspace.plot.route import HasAxes, HasPath, Look, MapLike, Route, check_path
-from cspace.plot.surface import paint_surface, robot_polygons
+from cspace.plot.arms import ArmFigure, draw_tip_path, interpolate_joints, paint_arm, split_surface
+from cspace.plot.picture import title_of
+from cspace.plot.route import HasAxes, HasPath, MapLike, Scene, check_path, make_scene
+from cspace.plot.sections import draw_plane
+from cspace.plot.surface import draw_surface, split_triangles
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
-
-_PANEL_INCHES = 7.5
-"""Longer side of each of the two panels, inches."""
-_FRAME_DPI = 72.0
-"""Pixels per inch of the frames."""
 DEFAULT_SECONDS: Final = 6.0
 """Duration of an animation of a path without times, seconds."""
 _MAX_FRAMES: Final = 1000
+_FRAME_DPI: Final = 90.0
+"""Pixels per inch of the frames."""
 _PALETTE_COLORS: Final = 96
-"""Number of colours in an animation. Few colours keep the file small, and the pictures are flat."""
-_SIMILAR_LEVELS: Final = 24
-"""Largest difference in red, green and blue, of 255 levels, between similar colours."""
+"""Number of colours in an animation. Few colours keep the file small, and pictures are flat."""
 _LAST_FRAME_MS: Final = 1200
 """Duration of the last frame, milliseconds."""
+_FRAMED: Final = 24
+"""Number of configurations along the path that must be in view."""
+
+Move = Callable[[Floats], None]
+"""Function that moves the robot of a figure to a configuration."""
+Interpolate = Callable[[Floats], Floats]
+"""Function that returns the configurations at shares of a path."""
 
 
 class AnimationOptions(TypedDict, total=False):
@@ -65,16 +66,17 @@ def animate(
 ) -> Path:
     """Save an animated GIF of a robot moving along a path.
 
-    In the plane, one panel shows the robot among the obstacles; the other shows its reference point in the slice of the
-    map at its rotation. In space, and for an arm, one picture in three dimensions shows the robot among the obstacles.
-    A :class:`planners.Trajectory` plays at true speed. Otherwise the speed is constant: of the farthest point of a
-    robot that rotates, or in the joints of an arm.
+    In the plane, the robot moves over the slice of the map at its rotation. In space, and for an
+    arm, a picture in three dimensions shows the robot among the obstacles. A
+    :class:`planners.Trajectory` plays at true speed. Otherwise the speed is constant: of the
+    farthest point of a robot that rotates, or in the joints of an arm.
 
     Parameters
     ----------
     space : CSpace or ArmSpace
     path : array-like, shape (n, size), Plan or Trajectory
-        Configurations joined by straight edges, metres and radians; or an object with a ``path`` attribute.
+        Configurations joined by straight edges, metres and radians; or an object with a ``path``
+        attribute.
     file : path-like
         A name that ends in .gif.
     overwrite : bool
@@ -98,7 +100,8 @@ def animate(
     Raises
     ------
     InputError
-        If the suffix is not .gif, the path is empty, has the wrong shape or is not finite, or a number is out of range.
+        If the suffix is not .gif, the path is empty, has the wrong shape or is not finite, or a
+        number is out of range.
     FileError
         If the file exists and ``overwrite`` is not set, or if it cannot be written.
     """
@@ -106,215 +109,133 @@ def animate(
     check_suffix(target, (".gif",), "an animation is a GIF", "file")
     points = check_path(space, path)
     if not len(points):
-        raise InputError("path", "is empty", "an animation needs a path", "pass one that was found", value=path)
+        hint = "pass one that was found"
+        raise InputError("path", "is empty", "an animation needs a path", hint, value=path)
     motion: Any = path if hasattr(path, "sample") else None
     if seconds is None:
-        seconds = DEFAULT_SECONDS if motion is None or motion.duration == 0.0 else motion.duration
+        has_times = motion is not None and motion.duration > 0.0
+        seconds = motion.duration if has_times else DEFAULT_SECONDS
     pause, count = _frame_timing(seconds, rate)
-    shares = np.linspace(0.0, 1.0, count if bool((points != points[0]).any()) else 1)
+    shares = np.linspace(0.0, 1.0, count if (points != points[0]).any() else 1)
     with replacing(target, overwrite) as temporary:
-        draw, interpolate = _make_scene(space, points, title, camera)
+        axes, move, interpolate = _make_figure(space, points, title, camera)
+        rows = interpolate(shares)
         if motion is not None:
-            interpolate = lambda shares: motion.sample(shares * motion.duration)[0]  # noqa: E731
+            rows = motion.sample(shares * motion.duration)[0]
+        axes.figure.set_dpi(_FRAME_DPI)
         frames = []
-        for drawn, q in enumerate(interpolate(shares), start=1):
-            frames.append(draw(q))
+        for q in rows:
+            move(q)
+            axes.figure.canvas.draw()
+            # The layout of the first frame stays, so that nothing but the robot moves.
+            axes.figure.set_layout_engine("none")
+            frames.append(np.asarray(axes.figure.canvas.buffer_rgba())[..., :3].copy())
             if progress is not None:
-                progress(drawn, len(shares))
+                progress(len(frames), len(rows))
         _write(frames, temporary, pause)
     return target
 
 
-Draw = Callable[[Floats], NDArray[np.uint8]]
-Interpolate = Callable[[Floats], Floats]
-
-
-def _make_scene(
-    space: HasAxes, points: Floats, title: str | None, camera: ArrayLike | None
-) -> tuple[Draw, Interpolate]:
-    """Return functions that draw a configuration and interpolate the path."""
-    arm = getattr(space, "arm", None)
-    if arm is not None:
-        moving = MovingArm(space, points, Look(title=arm.name if title is None else title, camera=camera))
-        return partial(_pixels, moving.axes, moving.move), partial(interpolate_joints, points)
-    space = cast("MapLike", space)
-    route = Route.of(space, points, None, None)
-    if space.grid.dim == 2:
-        if camera is not None:
-            raise InputError("camera", "is given for a plane map", "it needs a map in space", "omit it")
-        return PlaneAnimation(space, route, title).frame, route.interpolate
-    stations = route.interpolate(np.linspace(0.0, 1.0, 64))  # all of them must be in view
-    framed = Route(route.points, route.marks, stations, route.glyph)
-    painting = paint_surface(space, framed, Look(title=title, camera=camera), moving=True)
-    polygons = robot_polygons(route.glyph)
-
-    def move(q: Floats) -> None:
-        painting.show(route.glyph.transform(polygons, q))
-
-    return partial(_pixels, painting.axes, move), route.interpolate
-
-
-def _pixels(axes: Axes, move: Callable[[Floats], None], q: Floats) -> NDArray[np.uint8]:
-    """Move the robot and return the pixels, shape (height, width, 3)."""
-    canvas: Any = axes.figure.canvas
-    axes.figure.set_dpi(_FRAME_DPI)
-    move(q)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
 def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
-    """Return the milliseconds per frame, and the frame count.
-
-    GIF's steps are 10 ms.
-    """
-    duration, frequency = (
-        check_positive(seconds, "seconds", "seconds"),
-        check_positive(rate, "rate", "frames per second"),
-    )
+    """Return the milliseconds per frame, in GIF's steps of 10 ms, and the frame count."""
+    duration = check_positive(seconds, "seconds", "seconds")
+    frequency = check_positive(rate, "rate", "frames per second")
     if frequency > 50.0:  # viewers play no more
-        raise InputError("rate", f"is {rate!r}", "it must be at most 50 frames per second", "lower it", value=rate)
+        rule = "it must be at most 50 frames per second"
+        raise InputError("rate", f"is {rate!r}", rule, "lower it", value=rate)
     count = round(duration * frequency) + 1
     if count > _MAX_FRAMES:
         problem = f"is {seconds!r}, which makes {count} frames at a rate of {frequency:g}"
-        raise InputError(
-            "seconds", problem, f"at most {_MAX_FRAMES} are possible", "lower it or the rate", value=seconds
-        )
+        rule = f"at most {_MAX_FRAMES} are possible"
+        raise InputError("seconds", problem, rule, "lower it or the rate", value=seconds)
     return 10 * max(2, round(100.0 / frequency)), max(count, 2)
 
 
-class PlaneAnimation:
-    """Two panels of a plane animation.
-
-    Each frame redraws only the moving artists.
-    """
-
-    def __init__(self, space: MapLike, route: Route, title: str | None) -> None:
-        from matplotlib.patches import PathPatch
-
-        self._space, self._glyph, self._cell = space, route.glyph, -1
-        stops = route.interpolate(np.linspace(0.0, 1.0, 64))
-        box = Route(route.points, route.marks, stops, route.glyph).box(space)
-        stretch = artists.axis_stretch(box)
-        self.figure, (world, plane) = _panels(box, space.grid.labels)
-        ground = artists.classify_ground(space.workspace)
-        artists.draw_cells(world, space.grid, ground)
-        slices = [self._classes(q) for q in stops]
-        self._image = artists.draw_cells(plane, space.grid, slices[0])
-        handles = artists.make_cell_legend([np.unique(part) for part in (ground, *slices)], space, box)
-        for ax in (world, plane):
-            drawn = artists.draw_route(ax, route, 0.7, robots=False)
-            artists.frame(ax, box, stretch)
-        self._trail = world.plot([], [], color=artists.ROBOT_COLOR, linewidth=2.2, zorder=4.5)[0]
-        first = route.points[0]
-        style: dict[str, Any] = {
-            "facecolor": artists.ROBOT_FILL_COLOR,
-            "edgecolor": artists.ROBOT_EDGE_COLOR,
-            "zorder": 6,
-        }
-        self._robot = PathPatch(artists.outline(self._glyph, first), **style)
-        world.add_patch(self._robot)
-        self._nose = PathPatch(
-            artists.nose(self._glyph, first), facecolor=artists.ROBOT_EDGE_COLOR, linewidth=0.0, zorder=6.1
-        )
-        world.add_patch(self._nose)
-        self._point = plane.plot([], [], marker="o", markersize=6.0, color=artists.ROBOT_COLOR, mec="black", zorder=6)[
-            0
-        ]
-        heads: dict[str, Any] = {"loc": "left", "fontsize": 9}
-        world.set_title("workspace", **heads)
-        self._head = plane.set_title("C-obstacle", **heads)
-        self.figure.suptitle(artists.title(space, stretch, title), fontsize=10)
-        artists.legend_below(self.figure, handles + drawn, 8.0)
-        self._canvas = self.figure.canvas
-        # A moving artist must not shift the panels, and fixed artists, above all text, are drawn once.
-        self.figure.get_layout_engine().execute(self.figure)
-        self.figure.set_layout_engine("none")
-        over = [*plane.images, *plane.lines, *plane.spines.values(), self._head]
-        under = [*world.lines, *world.patches]
-        self._moving = [*sorted(under, key=_layer), *sorted(over, key=_layer)]
-        for artist in self._moving:
-            artist.set_animated(True)
-        self._canvas.draw()
-        self._background = self._canvas.copy_from_bbox(self.figure.bbox)
-        self._visited: list[Floats] = []
-
-    def frame(self, q: Floats) -> NDArray[np.uint8]:
-        """Return the pixels with the robot at a configuration.
-
-        The result has shape (height, width, 3).
-        """
-        self._visited.append(q)
-        self._trail.set_data(*np.transpose(self._visited)[:2])
-        self._robot.set_path(artists.outline(self._glyph, q))
-        self._nose.set_path(artists.nose(self._glyph, q))
-        self._point.set_data(q[:1], q[1:2])
-        rotations = self._space.rotations
-        self._head.set_text(" at ".join(filter(None, ["C-obstacle", rotations.format_rotation(np.round(q[2:], 2))])))
-        cell = int(rotations.find_cells(q))
-        if cell != self._cell:
-            self._cell = cell
-            self._image.set_classes(self._classes(q))
-        self._canvas.restore_region(self._background)
-        for artist in self._moving:
-            artist.draw(self._canvas.get_renderer())
-        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
-
-    def _classes(self, q: Floats) -> NDArray[np.uint8]:
-        return artists.classify_cells(self._space, q[2:])
+def _make_figure(
+    space: HasAxes, points: Floats, title: str | None, camera: ArrayLike | None
+) -> tuple[Any, Move, Interpolate]:
+    """Return axes, a function that moves the robot there, and one that interpolates the path."""
+    arm = getattr(space, "arm", None)
+    if arm is not None:
+        axes, move = _draw_arm(space, points, arm.name if title is None else title, camera)
+        return axes, move, lambda shares: interpolate_joints(points, shares)
+    space = cast("MapLike", space)
+    if space.grid.dim == 2 and camera is not None:
+        problem, rule = "is given for a plane map", "it needs a map in space"
+        raise InputError("camera", problem, rule, "omit it", value=camera)
+    scene = make_scene(space, path=points, robot_every=np.inf)
+    body = scene.body
+    extents = [body.extent(q) for q in body.interpolate(points, np.linspace(0.0, 1.0, _FRAMED))]
+    corners = np.concatenate([scene.box, *extents])
+    scene = scene._replace(box=np.stack([corners.min(axis=0), corners.max(axis=0)]))
+    draw = _draw_plane if space.grid.dim == 2 else _draw_solid
+    axes, move, handles = draw(scene, camera)
+    heading = title_of(space) if title is None else title
+    colors = artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR
+    artists.annotate(axes, True, heading, [*handles, artists.patch("robot", *colors)])
+    return axes, move, lambda shares: body.interpolate(points, shares)
 
 
-def _layer(artist: Artist) -> float:
-    return artist.get_zorder()
+def _draw_plane(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list[Any]]:
+    """Draw a plane map whose slice follows the robot."""
+    from matplotlib.patches import PathPatch
+
+    first = scene.points[0]
+    still = scene._replace(rotation=first[2:], stations=scene.stations[:0])
+    axes, handles = draw_plane(still, None)
+    image = axes.images[0]
+    side = artists.block_side(axes, artists.classify_cells(scene.space, first[2:]))
+    colors = artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR
+    robot = PathPatch(artists.join_rings([]), facecolor=colors[0], edgecolor=colors[1], zorder=6)
+    nose = PathPatch(artists.join_rings([]), facecolor=colors[1], linewidth=0.0, zorder=7)
+    axes.add_patch(robot)
+    axes.add_patch(nose)
+
+    def move(q: Floats) -> None:
+        robot.set_path(artists.join_rings(scene.body.outlines(q)))
+        nose.set_path(artists.join_rings(scene.body.noses(q)))
+        classes = artists.classify_cells(scene.space, q[2:], scene.window)
+        image.set_data(artists.color_blocks(classes, side))
+
+    return axes, move, handles
 
 
-def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]:
-    """Create a figure with two panels.
-
-    Wide panels are stacked.
-    """
-    width, height = artists.axes_size(box, _PANEL_INCHES)
-    wide = width > 1.4 * height
-    size = (width + 0.7, 2 * height + 1.5) if wide else (2 * width + 0.9, height + 1.3)
-    figure = artists.new_figure(max(size[0], 4.2), size[1], _FRAME_DPI)
-    shape = (2, 1) if wide else (1, 2)
-    panels: Any = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False)
-    first, second = panels.flat
-    first.set_ylabel(labels[1])
-    second.set_xlabel(labels[0])
-    (second.set_ylabel if wide else first.set_xlabel)(labels[int(wide)])
-    return figure, (first, second)
+def _draw_solid(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list[Any]]:
+    """Draw a map in space in which the robot moves."""
+    body = scene.body
+    painting = draw_surface(scene._replace(stations=scene.stations[:0]), camera=camera)
+    robot = split_triangles(body.triangles, body.size)
+    handles = list(painting.handles.values())
+    return painting.axes, lambda q: painting.show(body.transform(robot, q)), handles
 
 
-def _palette(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Choose the colors of a palette.
+def _draw_arm(space: Any, points: Floats, title: str, camera: ArrayLike | None) -> tuple[Any, Move]:
+    """Draw an arm that moves among obstacles."""
+    figure = ArmFigure(space)
+    stands = interpolate_joints(points, np.linspace(0.0, 1.0, _FRAMED))
+    painting = paint_arm(figure, [*stands], camera)
+    links = {name: split_surface(each, painting.size) for name, each in figure.links.items()}
+    draw_tip_path(painting, figure, points, np.zeros(0, dtype=np.bool_))
+    entries = [*painting.handles.values(), artists.patch("arm", artists.ROBOT_FILL_COLOR)]
+    artists.annotate(painting.axes, True, title, entries)
 
-    ``colors``, shape (n, 3), are ordered by frequency, most frequent first. The palette has at most
-    :data:`_PALETTE_COLORS`. Its first half holds dissimilar colours, so that a thin line keeps its colour beside many
-    shades of another one.
-    """
-    chosen: list[int] = []
-    remaining = np.arange(len(colors))
-    while len(remaining) and len(chosen) < _PALETTE_COLORS // 2:
-        chosen.append(int(remaining[0]))
-        differences = np.abs(colors[remaining].astype(np.int16) - colors[remaining[0]]).max(axis=1)
-        remaining = remaining[differences > _SIMILAR_LEVELS]
-    others = [index for index in range(min(len(colors), 2 * _PALETTE_COLORS)) if index not in chosen]
-    return colors[[*chosen, *others[: _PALETTE_COLORS - len(chosen)]]]
+    def move(q: Floats) -> None:
+        poses = space.arm.poses(q)
+        placed = [links[name] @ poses[name][:3, :3].T + poses[name][:3, 3] for name in links]
+        painting.show(np.concatenate(placed))
+
+    return painting.axes, move
 
 
 def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
     """Write frames as a GIF that repeats forever; ``pause`` is in milliseconds."""
     from PIL import Image
 
+    samples = np.concatenate(frames[:: max(1, len(frames) // 6)])
+    palette = Image.fromarray(samples).quantize(_PALETTE_COLORS, Image.Quantize.MAXCOVERAGE)
     # No dithering: it would flicker and enlarge the file.
-    pixels = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: max(1, len(frames) // 6)]])
-    colors, counts = np.unique(pixels @ np.array([65536, 256, 1], np.uint32), return_counts=True)
-    colors = colors[np.argsort(-counts, kind="stable")]
-    table = np.stack([colors >> 16, colors >> 8 & 255, colors & 255], axis=-1).astype(np.uint8)
-    model = Image.new("P", (1, 1))
-    model.putpalette(_palette(table).tobytes())
-    images = [Image.fromarray(frame).quantize(palette=model, dither=Image.Dither.NONE) for frame in frames]
+    style: dict[str, Any] = {"palette": palette, "dither": Image.Dither.NONE}
+    images = [Image.fromarray(frame).quantize(**style) for frame in frames]
     images[0].save(
         file,
         format="GIF",
@@ -322,5 +243,4 @@ def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
         append_images=images[1:],
         duration=[pause] * (len(images) - 1) + [_LAST_FRAME_MS],
         loop=0,
-        optimize=False,
     )

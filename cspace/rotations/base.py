@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Floats, Ints
 from cspace.check import check_finite
 from cspace.errors import AngleWarning, InputError, warn_user
 
@@ -145,32 +145,6 @@ class Coordinate(NamedTuple):
 COVERING_ANGLE: Final[Coordinate] = Coordinate(
     "largest angle between a rotation of a rotation cell and its representative", "rad"
 )
-
-
-class Dial(NamedTuple):
-    """A picture of rotations.
-
-    It is a disc of radius 1, or a part of such a disc.
-
-    Attributes
-    ----------
-    title : str
-    inside : ndarray of bool, shape (n, n)
-        Pixels of the dial.
-    rotations : ndarray of float64, shape (2, m, size)
-        Two nearly equal rotations for each pixel, because they may lie in two cells with a common boundary.
-    marks : tuple of (str, float, float)
-        Labels and their positions.
-    """
-
-    title: str
-    inside: Bools
-    rotations: Floats
-    marks: tuple[tuple[str, float, float], ...]
-
-
-DIAL_OFFSETS: Final = np.array([[-1e-6], [1e-6]])
-"""Offsets, in radians, of the two rotations that are looked up for a pixel of a dial."""
 
 
 class RotationTable(NamedTuple):
@@ -580,13 +554,6 @@ class Rotations(ABC):
     def make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""
         return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
-
-    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
-        """Return all rotations as dials.
-
-        The pixels are at x and y, shape (n, n) each. The list is empty if there is no rotation.
-        """
-        return []
 
     @property
     def facts(self) -> dict[str, object]:

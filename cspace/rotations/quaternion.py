@@ -18,9 +18,7 @@ from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.rotations.base import (
     COVERING_ANGLE,
-    DIAL_OFFSETS,
     Coordinate,
-    Dial,
     RotationCell,
     Rotations,
     RotationTable,
@@ -45,8 +43,6 @@ MAX_SUGGESTED_PARTS: Final = 16
 OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Indices of the other three components, for each component of a quaternion."""
 
-DIAL_HEADINGS: Final = (0, 60, 120, 180, 240, 300)
-"""Headings of the discs that show rotations, in degrees about z."""
 
 _HALF_TURNS: Final = np.array([np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float)
 """Matrices of the half turns about x, y and z, and the identity."""
@@ -351,23 +347,6 @@ class QuaternionRotations(Rotations):
                 beyond[:, axis] = self.borders[parts[:, axis] + side] + (2 * side - 1) * FACE_STEP
                 columns.append(self.cell_of(_quaternions(charts, beyond)))
         return np.stack(columns, axis=1)
-
-    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
-        """Return discs of tilts, one for each heading.
-
-        After a rotation about z, the robot is not tilted at the center, and by half a turn at the rim.
-        """
-        from scipy.spatial.transform import Rotation
-
-        inside = np.hypot(x, y) <= 1.0
-        tips = Rotation.from_rotvec(np.pi * np.column_stack([-y[inside], x[inside], np.zeros(inside.sum())])).as_quat()
-        marks = (("upright", 0.0, 0.0), ("tipped to x", 0.6, 0.0), ("tipped to y", 0.0, 0.72))
-        dials = []
-        for degrees in DIAL_HEADINGS:
-            rotations_z = (np.radians(degrees) + DIAL_OFFSETS) * (0.0, 0.0, 1.0)
-            rotations = np.array([self.rotate(tips, turn) for turn in rotations_z])
-            dials.append(Dial(f"heading {degrees}°", inside, rotations, () if degrees else marks))
-        return dials
 
     def make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""

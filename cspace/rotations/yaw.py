@@ -17,11 +17,9 @@ from cspace.errors import InputError
 from cspace.rotations.base import (
     ANGLE_SLACK,
     COVERING_ANGLE,
-    DIAL_OFFSETS,
     MAX_ANGLE,
     TWO_PI,
     Coordinate,
-    Dial,
     RotationCell,
     Rotations,
     RotationTable,
@@ -32,8 +30,6 @@ from cspace.rotations.base import (
 MAX_YAW_CELLS: Final = 2**16
 """Maximum number of yaw cells, each 0.0055 degrees wide: 1 cm at 100 m from the axis."""
 
-DIAL_INNER_RADIUS: Final = 0.6
-"""Inner radius of a ring of yaws, whose outer radius is 1."""
 
 _QUARTER_MATRICES: Final = np.array(
     [[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]], dtype=float
@@ -279,13 +275,6 @@ class YawRotations(Rotations):
             errors = np.abs(np.sin((yaws - self._yaws[cells]) / 2.0)).max(axis=1)
             images += [(matrices[k], cells[k]) for k in np.flatnonzero(errors < ANGLE_SLACK / 8.0)]
         return images
-
-    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
-        """Return a ring of yaws, counterclockwise from the x axis."""
-        inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= DIAL_INNER_RADIUS)
-        marks = [(f"{k * 45}°", k * np.pi / 4.0) for k in range(8)]
-        around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
-        return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_OFFSETS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
     def make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""

@@ -207,13 +207,6 @@ class Canvas(ABC):
         Return them by label.
         """
 
-    def update_view(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
-        """Take note of a camera.
-
-        Return True if something must be redrawn for it.
-        """
-        return False
-
     def draw(self) -> None:  # noqa: B027
         """Draw everything that depends on the robot's configuration."""
 

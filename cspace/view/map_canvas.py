@@ -22,10 +22,10 @@ from cspace.plot.artists import (
     ROBOT_FILL_COLOR,
     UNDECIDED,
 )
-from cspace.plot.route import RobotGlyph
+from cspace.plot.route import Body
 from cspace.rotations import Rotations
+from cspace.view.blocks import Cells
 from cspace.view.canvas import MARKS, PATH_POINTS, Canvas, Dial, farthest_pair, sample_free_configurations
-from cspace.view.level_of_detail import Blocks, Cells, Part, choose_part
 from cspace.view.scene import KINDS, SECTION, Section, SolidKind, Stage, make_robot_surface
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ class MapCanvas(Canvas):
     Parameters
     ----------
     space : CSpace or TiledCSpace
-    cells : Cells
     server : viser.ViserServer
     points : ndarray of float64, shape (n, size)
         A path; cells above the robot on it, and all that covers it, are cut off. n is 0 without
@@ -58,22 +57,21 @@ class MapCanvas(Canvas):
         Names of the kinds to draw, and SECTION. :meth:`draw` applies this and the other attributes.
     cut : float
         Height above which cells are omitted, metres.
-    part : Part or None
-        Part of the map near the camera, drawn in smaller blocks.
     """
 
-    def __init__(self, space: Any, cells: Cells, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
+    def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
         given = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
+        self.cells = cells = Cells(space)
         super().__init__(server, space, _choose_endpoints(space, cells) | given)
-        self.cells, self.is_quick = cells, cells.is_quick
-        self.glyph = RobotGlyph(space.robot, space.rotations)
+        self.is_quick = cells.is_quick
+        grid = cells.drawn.grid
+        self.glyph = Body(space.robot, space.rotations)
         self.poses = Poses(space.grid.dim, space.rotations)
-        longest = cells.grid.spacing * max(cells.grid.shape)
+        longest = grid.spacing * max(grid.shape)
         self.size = max(self.glyph.size, 0.012 * longest)
-        self.stage = Stage(cells.grid, wall=min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest))
-        self.kinds = [name for name in KINDS if name != "unknown" or cells.sampling_map.workspace.unknown is not None]
+        self.stage = Stage(grid, wall=min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest))
+        self.kinds = [name for name in KINDS if name != "unknown" or cells.drawn.workspace.unknown is not None]
         self.shown = {*self.kinds, SECTION} - ({"mixed"} if self.stage.has_height else {"border", "mixed"})
-        self.part: Part | None = None
         self._drawn: dict[str, Hashable] = {}
         self._drawing = threading.Lock()
         self._surface = make_robot_surface(space.robot, self.stage.wall)
@@ -105,14 +103,14 @@ class MapCanvas(Canvas):
         if len(points):
             shares = np.linspace(0.0, 1.0, PATH_POINTS)
             shown = np.concatenate([shown, self.interpolate(points, shares)])
-        grid = self.cells.grid
-        blocks = self.cells.map_blocks(self.endpoints["start"][grid.dim :])
-        places = (grid.cell_of(shown[:, : grid.dim]) - blocks.first) // blocks.side
+        grid = self.cells.drawn.grid
+        blocks = self.cells.at(self.endpoints["start"][grid.dim :])
+        places = grid.cell_of(shown[:, : grid.dim]) // blocks.side
         x, y, z = places.clip(0, np.subtract(blocks.classes.shape, 1)).T
         covers = blocks.classes[x, y] > PARTLY  # opaque in a section
         layers = np.arange(covers.shape[1])
         covers &= layers >= z[:, np.newaxis]
-        heights = grid.lower[2] + grid.spacing * (blocks.first[2] + blocks.side * layers)
+        heights = grid.lower[2] + grid.spacing * blocks.side * layers
         beyond = grid.upper[2] + grid.spacing
         return float(np.min(heights, initial=beyond, where=covers.any(axis=0)))
 
@@ -158,12 +156,11 @@ class MapCanvas(Canvas):
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether a path exists."""
-        connected, disconnected = self._space._connectivity(q0, q1)
-        if connected:
+        if self._space.is_connected(q0, q1):
             return "**A path exists: proven.**"
-        return (
-            "**No path exists: proven.**" if disconnected else "Whether a path exists is undecided at this resolution."
-        )
+        if self._space.is_disconnected(q0, q1):
+            return "**No path exists: proven.**"
+        return "Whether a path exists is undecided at this resolution."
 
     # ---- robot, marks and path ---------------------------------------------------------------------------------------
 
@@ -194,18 +191,6 @@ class MapCanvas(Canvas):
         positions = self.stage.positions(q)
         positions[:, 2] += 0.0 if self.stage.has_height else 0.6 * self.stage.wall
         return positions
-
-    def update_view(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
-        """Choose the part to draw in small blocks.
-
-        Return True if it changed.
-        """
-        reach = float(np.linalg.norm(position - look_at)) * math.tan(field / 2.0) * max(1.0, aspect)
-        grid = self.cells.grid
-        part = choose_part(grid, look_at[: grid.dim], reach, self.cells.side)
-        changed = part != self.part
-        self.part = part
-        return changed
 
     # ---- cells -------------------------------------------------------------------------------------------------------
 
@@ -253,34 +238,28 @@ class MapCanvas(Canvas):
 
     def _plan_drawing(self) -> dict[str, tuple[Hashable, Callable[[str], None]]]:
         """Return the key and draw function of each node of the scene."""
-        q, cut, part, shown, stage = self.robot, self.cut, self.part, set(self.shown), self.stage
-        rotation, cell = q[self._space.grid.dim :], int(self._space.rotations.find_cells(q))
-        lid = not (stage.has_height and SECTION in shown)
-        looks: list[tuple[str, Part | None, Callable[[Floats | None], Blocks]]] = [
-            ("whole", part, self.cells.map_blocks)
-        ]
-        if part is not None:
-            looks.append(("part", None, partial(self.cells.part_blocks, part=part)))
+        q, cut, stage, cells = self.robot, self.cut, self.stage, self.cells
+        rotation = q[self._space.grid.dim :]
+        cell = int(self._space.rotations.find_cells(q))
+        lid = not (stage.has_height and SECTION in self.shown)
         wanted: dict[str, tuple[Hashable, Callable[[str], None]]] = {}
-        for where, hole, blocks in looks:
 
-            def draw_solid(name: str, kind: SolidKind, look: Any = blocks, hole: Part | None = hole) -> None:
-                surface = stage.solid(look(rotation if kind.rotates else None), kind, cut, hole, lid)
-                if len(surface[1]):
-                    self._add_mesh(name, surface, kind.color, kind.opacity)
-                else:
-                    self._server.scene.remove_by_name(name)
+        def draw_solid(name: str, kind: SolidKind) -> None:
+            surface = stage.solid(cells.at(rotation if kind.rotates else None), kind, cut, lid)
+            if len(surface[1]):
+                self._add_mesh(name, surface, kind.color, kind.opacity)
+            else:
+                self._server.scene.remove_by_name(name)
 
-            def draw_section(
-                name: str, look: Any = blocks, hole: Part | None = hole, above: bool = where == "part"
-            ) -> None:
-                self._add_image(name, stage.section(look(rotation), cut, hole), above)
+        def draw_section(name: str) -> None:
+            self._add_image(name, stage.section(cells.at(rotation), cut))
 
-            for name in shown - {SECTION}:
-                key = cell if KINDS[name].rotates else -1, cut, part, lid
-                wanted[f"/{name}/{where}"] = key, partial(draw_solid, kind=KINDS[name])
-            if SECTION in shown:
-                wanted[f"/{SECTION}/{where}"] = (cell, cut, part), draw_section
+        for name in self.shown - {SECTION}:
+            kind = KINDS[name]
+            key = cell if kind.rotates else -1, cut, lid
+            wanted[f"/{name}"] = key, partial(draw_solid, kind=kind)
+        if SECTION in self.shown:
+            wanted[f"/{SECTION}"] = (cell, cut), draw_section
         return wanted
 
     def invalidate(self) -> None:
@@ -289,11 +268,9 @@ class MapCanvas(Canvas):
             self.cells.invalidate()
             self._drawn.clear()
 
-    def _add_image(self, name: str, section: Section, above: bool) -> None:
+    def _add_image(self, name: str, section: Section) -> None:
         """Add a section of the map to the scene."""
         width, depth = section.upper - section.lower
-        # The part lies in a hole of the whole section; at the same height, the whole section would hide it.
-        height = section.height + 1e-3 * width * above
         self._server.scene.add_image(
             name,
             section.image,
@@ -301,7 +278,7 @@ class MapCanvas(Canvas):
             float(depth),
             format="png",
             wxyz=(0.0, 1.0, 0.0, 0.0),
-            position=(*((section.lower + section.upper) / 2).tolist(), height),
+            position=(*((section.lower + section.upper) / 2).tolist(), section.height),
             cast_shadow=False,
             receive_shadow=False,
         )
@@ -387,7 +364,7 @@ class Poses:
 
 def _choose_endpoints(space: Any, cells: Cells) -> dict[str, Floats]:
     """Return two FREE configurations far apart, or the center of the grid."""
-    sampling_map, upright = cells.sampling_map, space.rotations.from_matrix(np.eye(3))
+    sampling_map, upright = cells.drawn, space.rotations.from_matrix(np.eye(3))
     samples = sample_free_configurations(
         sampling_map, np.array([*np.add(space.grid.lower, space.grid.upper) / 2, *upright])
     )

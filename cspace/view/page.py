@@ -276,7 +276,6 @@ class Page:
             self.mark(name, q)
         self._show_path(path, source)
         self.move(canvas.endpoints["start"])
-        server.on_client_connect(self._follow_camera)
 
     def _connect(self) -> None:
         """Connect the inputs of the panel to actions."""
@@ -547,15 +546,6 @@ class Page:
             )
         motion = self.trajectory
         self.panel.show_time(self.panel.share.value / 100.0, None if motion is None else motion.duration)
-
-    def _follow_camera(self, client: Any) -> None:
-        """Redraw when the camera of a client moves far enough."""
-
-        def update(camera: Any) -> None:
-            if self._canvas.update_view(camera.look_at, camera.position, camera.fov, camera.aspect):
-                self._drawer.request()
-
-        client.camera.on_update(update)
 
     def _report_error(self, error: Exception) -> None:
         """Show an error on the page, which stays usable."""

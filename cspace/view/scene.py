@@ -25,7 +25,7 @@ from cspace.plot.route import outline_rings
 from cspace.plot.surface import SURFACES, UNKNOWN_SURFACE
 from cspace.raster.bitmaps import merge_into_rectangles
 from cspace.robot import Robot
-from cspace.view.level_of_detail import Blocks, Part
+from cspace.view.blocks import Blocks
 
 Color = tuple[int, int, int]
 
@@ -123,37 +123,30 @@ class Stage:
         position = q[..., : self.grid.dim]
         return np.concatenate([position, np.zeros((*position.shape[:-1], 3 - self.grid.dim))], axis=-1)
 
-    def solid(self, blocks: Blocks, kind: SolidKind, cut: float, hole: Part | None = None, lid: bool = True) -> Surface:
+    def solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
         """Return the border of the blocks of a kind below the height ``cut``, metres.
 
-        ``hole`` is a part that is drawn separately. Without a ``lid``, the border is open at the cut, where a section
-        closes it.
+        Without a ``lid``, the border is open at the cut, where a section closes it.
         """
-        classes, first = self._below(blocks, cut)
+        classes = self._below(blocks, cut)
         wanted = np.zeros(len(CLASSES), dtype=np.bool_)
         wanted[list(kind.classes)] = True
         solid = wanted[classes]
-        if hole is not None:
-            solid[_box(hole, blocks.side)] = False
-        lattice = np.minimum(first + blocks.side * extract_border(solid, kind.has_boundary, lid), self.shape).reshape(
-            -1, 3
-        )
+        corners = blocks.side * extract_border(solid, kind.has_boundary, lid)
+        lattice = np.minimum(corners, self.shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
         return vertices, np.arange(len(vertices)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
-    def section(self, blocks: Blocks, cut: float, hole: Part | None = None) -> Section:
+    def section(self, blocks: Blocks, cut: float) -> Section:
         """Return a picture of a horizontal cut through the map.
 
-        In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks. ``hole`` is a part that
-        is drawn separately, in smaller blocks; it stays transparent here.
+        In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
-        layer = self._below(blocks, cut)[0][..., -1]  # the highest layer of blocks that begins below the cut
-        lower = self.lower[:2] + self.grid.spacing * blocks.first[:2]
+        layer = self._below(blocks, cut)[..., -1]  # the highest layer of blocks that begins below the cut
+        lower = self.lower[:2]
         upper = np.minimum(lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2])
-        image = self._colors[layer]  # [x, y, channel]; a copy
-        if hole is not None:
-            image[_box(hole, blocks.side)[:2]] = 0
+        image = self._colors[layer]  # [x, y, channel]
         # Images are indexed [row, column], and their first row is the one with the largest y.
         image = image.transpose(1, 0, 2)[::-1]
         # Browsers blur enlarged images, so each block gets several pixels along each side.
@@ -161,16 +154,11 @@ class Stage:
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
         return Section(image, lower, upper, cut if self.has_height else 0.0)
 
-    def _below(self, blocks: Blocks, cut: float) -> tuple[Classes, Ints]:
-        """Return the classes and first cell of the blocks below a height."""
-        classes, first = np.atleast_3d(blocks.classes), np.array([*blocks.first, 0][:3])
-        count = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2] - first[2]
-        return classes[..., : max(1, math.ceil(count / blocks.side - 1e-9))], first
-
-
-def _box(part: Part, side: int) -> tuple[slice, ...]:
-    """Return the slices of blocks that cover a part of a map."""
-    return tuple(slice(low // side, -(-high // side)) for low, high in zip(part.first, part.stop, strict=True))
+    def _below(self, blocks: Blocks, cut: float) -> Classes:
+        """Return the classes of the blocks below a height."""
+        classes = np.atleast_3d(blocks.classes)
+        count = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2]
+        return classes[..., : max(1, math.ceil(count / blocks.side - 1e-9))]
 
 
 def extract_border(solid: Bools, has_boundary: bool = True, lid: bool = True) -> Ints:

@@ -19,9 +19,7 @@ from cspace.arrays import Floats
 from cspace.check import check_count
 from cspace.errors import InputError, import_optional
 from cspace.plot.route import HasAxes, check_path, collect_marks
-from cspace.tiles.space import TiledCSpace
 from cspace.view.arm_canvas import ArmCanvas
-from cspace.view.level_of_detail import CellsInMemory, CellsInStore
 from cspace.view.map_canvas import MapCanvas
 
 if TYPE_CHECKING:
@@ -161,7 +159,7 @@ def choose_canvas(space: Any, frame: str | None = None) -> MakeCanvas:
         return partial(ArmCanvas, space, frame=frame)
     if frame is not None:
         raise InputError("frame", f"is {frame!r}", "a map has no frames", "leave it out", value=frame)
-    return partial(MapCanvas, space, CellsInStore(space) if isinstance(space, TiledCSpace) else CellsInMemory(space))
+    return partial(MapCanvas, space)
 
 
 def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:

@@ -5,15 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
-from cspace.plot.route import clip_path
 from tests import handmade
 from tests.pictures import COLORS, class_of, heading, labels, rendered
 
@@ -31,7 +27,7 @@ def read_axis_pairs(figure: Any) -> list[tuple[int, int]]:
     names = [
         (plan.get_xlabel(), plan.get_ylabel()),
         (plan.get_xlabel(), front.get_ylabel()),
-        (side.get_xlabel(), (front if "y" in side.get_xlabel() else plan).get_ylabel()),
+        (side.get_xlabel(), front.get_ylabel()),
     ]
     pairs = [("xyz".index(right[0]), "xyz".index(up[0])) for right, up in names]
     assert [len(set(pair)) for pair in pairs] == [2, 2, 2]
@@ -43,13 +39,13 @@ def test_a_workspace_draws_itself(hall: CSpace) -> None:
     ax = hall.workspace.plot(center=(3.0, 1.2, 1.0))
     assert labels(ax) == ["obstacle", "free"]
     assert heading(ax) == "array, cells of 0.1 m"
-    with pytest.raises(InputError, match="view is 'panels'"):
-        hall.workspace.plot(view="panels")
+    with pytest.raises(InputError, match="view is 'plane'"):
+        hall.workspace.plot(view="plane")
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0)])
 def test_sections_show_the_map(order: tuple[int, ...]) -> None:
-    """Test the cells of every panel, in both arrangements."""
+    """Test the cells of every panel, of a flat and of a high map."""
     rng = np.random.default_rng(3)
     shape = np.array([40, 30, 8])[list(order)]
     occupied = np.zeros(tuple(shape), bool)
@@ -62,7 +58,7 @@ def test_sections_show_the_map(order: tuple[int, ...]) -> None:
     layer = ((at - lower) / 0.5).astype(int)
     for panel, pair, across in zip(figure.axes, read_axis_pairs(figure), (2, 1, 0), strict=True):
         assert {*pair, across} == {0, 1, 2}
-        assert panel.texts[0].get_text() == f"{'xyz'[across]} = {round(at[across], 2):g} m"
+        assert panel.get_title(loc="left") == f"{'xyz'[across]} = {round(at[across], 2):g} m"
         for cell in product(*map(range, shape[list(pair)])):
             whole = layer.copy()
             whole[list(pair)] = cell
@@ -93,29 +89,9 @@ def test_sections_show_traces_of_the_others(hall: CSpace) -> None:
     at = (1.03, 2.07, 0.55)
     figure = plot(hall, center=at).figure
     for panel, (right, up) in zip(figure.axes, read_axis_pairs(figure), strict=True):
-        across, along = panel.lines[:2]
+        across, along = (line for line in panel.lines if line.get_linestyle() == "-.")
         assert set(across.get_xdata()) == {at[right]}
         assert set(along.get_ydata()) == {at[up]}
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.data())
-def test_clip_path_keeps_the_parts_between_two_planes(data: st.DataObject) -> None:
-    """Compare with the length of the path between two planes."""
-    points = data.draw(arrays(np.float64, st.tuples(st.integers(2, 6), st.just(3)), elements=st.integers(-4, 4)))
-    axis = data.draw(st.integers(0, 2))
-    low, high = sorted(data.draw(st.tuples(st.integers(-5, 5), st.integers(-5, 5))))
-    parts = clip_path(points, axis, low, high).reshape(-1, 3, 3)
-    assert np.isnan(parts[:, 2]).all()
-    assert not np.isnan(parts[:, :2]).any()
-    assert (parts[:, :2, axis] >= low - 1e-9).all()
-    assert (parts[:, :2, axis] <= high + 1e-9).all()
-    lengths = np.linalg.norm(parts[:, 1] - parts[:, 0], axis=1)
-    whole = 0.0
-    for a, b in pairwise(points):
-        steps = a[axis] + (np.arange(4000) + 0.5) / 4000 * (b[axis] - a[axis])
-        whole += np.linalg.norm(b - a) * ((low <= steps) & (steps <= high)).mean()
-    assert lengths.sum() == pytest.approx(whole, abs=0.02 * len(points))
 
 
 def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
@@ -128,8 +104,15 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> Non
         np.testing.assert_array_equal(drawn["goal"], [np.array(SECTION_PATH[-1])[list(pair)]])
         half = np.array([0.25, 0.2, 0.15])
         at = np.array([3.0, 1.2, 1.0])
-        expected = clip_path(np.array(SECTION_PATH), across, at[across] - half[across], at[across] + half[across])
-        np.testing.assert_allclose(drawn["path"], expected[:, pair])
+        near = drawn["path"][np.isfinite(drawn["path"]).all(axis=1)]
+        q = np.array(SECTION_PATH)
+        for point in near:
+            # Each solid point is on the path, where the robot reaches the section.
+            shares = np.linspace(0.0, 1.0, 401)[:, np.newaxis]
+            steps = np.concatenate([a + shares * (b - a) for a, b in pairwise(q)])
+            here = steps[np.linalg.norm(steps[:, pair] - point, axis=1) < 0.01]
+            assert (np.abs(here[:, across] - at[across]) <= half[across] + 0.01).any()
+        assert len(near) > 5
         boxes = [outline.get_extents() for outline in panel.collections[0].get_paths()]
         np.testing.assert_allclose([(box.width, box.height) for box in boxes], [2 * half[list(pair)]] * len(boxes))
     side = ax.figure.axes[2].collections[0].get_paths()
@@ -138,7 +121,7 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> Non
 
 
 def draw_sections(ax: Any) -> list[float]:
-    return [float(panel.texts[0].get_text()[4:-2]) for panel in reversed(ax.figure.axes)]
+    return [float(panel.get_title(loc="left")[4:-2]) for panel in reversed(ax.figure.axes)]
 
 
 def test_sections_run_through_the_path_or_the_middle(hall: CSpace) -> None:

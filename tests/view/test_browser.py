@@ -123,8 +123,8 @@ def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspac
     until(lambda: "yaw 178°, in a rotation cell of 15°" in read_text(browser))  # the panel counts it
     np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
     assert viewer.page.wait(20.0)
-    there = viewer.canvas.stage.section(viewer.canvas.cells.map_blocks(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(node(viewer, "/section/whole").image, there.image)
+    there = viewer.canvas.stage.section(viewer.canvas.cells.at(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(node(viewer, "/section").image, there.image)
 
     press(browser, "Plan")
     until(lambda: "Path found, certified: every edge is proven free." in read_text(browser))
@@ -139,17 +139,6 @@ def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspac
     until(lambda: "No path exists: proven." in read_text(browser))
     press(browser, "Plan")
     until(lambda: read_text(browser).count("No path exists: proven.") == 2)
-
-
-def test_near_camera_shows_small_cells(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
-    _, viewer = flat
-    viewer.canvas.cells.side = 4
-    viewer.canvas.invalidate()
-    (client,) = viewer.server.get_clients().values()
-    client.camera.position = (4.0, 1.0, 2.5)
-    client.camera.look_at = (4.0, 1.2, 0.0)
-    until(lambda: node(viewer, "/section/part"))
-    until(lambda: measure_shares(browser)[UNDECIDED] > 0.02)
 
 
 def test_page_loads_nothing_from_other_hosts(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:

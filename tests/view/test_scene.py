@@ -9,7 +9,7 @@ import trimesh
 
 import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
-from cspace.view.level_of_detail import CellsInMemory, Part
+from cspace.view.blocks import Cells
 from cspace.view.scene import HIGH_COLOR, KINDS, LOW_COLOR, Stage, extract_border, make_robot_surface, path_colors, rgb
 
 
@@ -68,26 +68,13 @@ def room() -> cspace.CSpace:
 
 
 def test_solids_end_at_the_cut(room: cspace.CSpace) -> None:
-    stage, blocks = Stage(room.grid, 1.0), CellsInMemory(room).map_blocks(None)
+    stage, blocks = Stage(room.grid, 1.0), Cells(room).at(None)
     for cut in (0.6, 1.75, 4.5, 9.0):
         mesh = trimesh.Trimesh(*stage.solid(blocks, KINDS["obstacles"], cut))
         assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
         low = room.workspace.outer * np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
         assert mesh.volume == pytest.approx(0.125 * low.sum())
         assert stage.section(blocks, cut).height == cut
-
-
-def test_solid_omits_the_hole_of_a_part(room: cspace.CSpace) -> None:
-    stage, cells, part = Stage(room.grid, 1.0), CellsInMemory(room), Part((2, 2, 0), (6, 8, 8), 1)
-    rotation = room.rotations.centers[0]
-    for kind in (KINDS["obstacles"], KINDS["mixed"]):
-        whole = trimesh.Trimesh(*stage.solid(cells.map_blocks(rotation), kind, 9.0))
-        around = trimesh.Trimesh(*stage.solid(cells.map_blocks(rotation), kind, 9.0, part))
-        within = trimesh.Trimesh(*stage.solid(cells.part_blocks(rotation, part), kind, 9.0))
-        assert around.volume + within.volume == pytest.approx(whole.volume)
-        assert within.bounds[0] == pytest.approx(np.maximum(within.bounds[0], [0.0, 3.0, 0.5]))
-    image = stage.section(cells.map_blocks(rotation), 1.0, part).image
-    assert not image[len(image) // 2, len(image[0]) // 3].any()
 
 
 def read_pixel(section: object, x: float, y: float) -> tuple[int, ...]:
@@ -100,14 +87,14 @@ def test_section_shows_cells_at_their_positions() -> None:
     occupied = np.zeros((9, 6), dtype=bool)
     occupied[7, 1] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.05))
-    section = Stage(space.grid, 0.2).section(CellsInMemory(space).map_blocks(np.empty(0)), 0.2)
+    section = Stage(space.grid, 0.2).section(Cells(space).at(np.empty(0)), 0.2)
     assert section.height == 0.0
     assert read_pixel(section, 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
     assert read_pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
     high = np.zeros((9, 6, 4), dtype=bool)
     high[7, 1, 2] = True
     space = cspace.build(cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free")
-    stage, blocks = Stage(space.grid, 0.2), CellsInMemory(space).map_blocks(np.empty(0))
+    stage, blocks = Stage(space.grid, 0.2), Cells(space).at(np.empty(0))
     assert read_pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
     assert read_pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent
 

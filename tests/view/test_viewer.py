@@ -60,7 +60,7 @@ def test_sliders_match_the_axes_of_the_map(viewer: Any) -> None:
 def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
     space, page = viewer
     assert page.page.wait(60.0)
-    assert all(node(page, name) for name in ("/robot", "/start", "/goal", "/section/whole", "/obstacles/whole"))
+    assert all(node(page, name) for name in ("/robot", "/start", "/goal", "/section", "/obstacles"))
     canvas, sent = page.canvas, page.canvas.bytes
     canvas.draw()
     assert canvas.bytes == sent  # nothing is sent twice
@@ -74,12 +74,12 @@ def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
     assert (canvas.bytes > sent) == turned  # only the rotation changes the cells
     for label in ("obstacle", "undecided (MIXED)"):
         page.page.panel.shown[label].value ^= True
-    until(lambda: node(page, "/mixed/whole") and not node(page, "/obstacles/whole"))
+    until(lambda: node(page, "/mixed") and not node(page, "/obstacles"))
 
 
 def measure_opacity(viewer: Viewer, path: Any) -> Any:
     """Return the opacity of the section at each row of a path, 0 to 255."""
-    section, grid = node(viewer, "/section/whole"), viewer.canvas._space.grid
+    section, grid = node(viewer, "/section"), viewer.canvas._space.grid
     rows, columns = section.image.shape[:2]
     x, y = (np.asarray(path)[:, :2] - grid.lower[:2]).T / (np.array(grid.upper[:2]) - grid.lower[:2])[:, None]
     return section.image[((1.0 - y) * rows).astype(int), (x * columns).astype(int), 3]
@@ -106,21 +106,6 @@ def test_a_page_opens_with_a_cut_above_the_robot_if_nothing_covers_the_path() ->
     space = build_room("R3")
     with space.view(block=False, port=0, path=[(0.45, 0.45, 0.35), (1.95, 0.45, 0.75)]) as viewer:
         assert viewer.page.panel.shown["cut at z (m)"].value == pytest.approx(0.9)  # in steps of 0.1 m
-
-
-def test_near_camera_shows_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    canvas = viewer[1].canvas
-    monkeypatch.setattr(canvas.cells, "side", 4)
-    center = (canvas.stage.lower + canvas.stage.upper) / 2
-    near, far = (np.add(center, (0.0, 0.0, distance)) for distance in (0.6, 1e5))
-    canvas.invalidate()
-    assert canvas.update_view(center, near, 0.7, 1.0)
-    assert not canvas.update_view(center, near, 0.7, 1.0)
-    canvas.draw()
-    assert node(viewer[1], "/section/part")
-    assert canvas.update_view(center, far, 0.7, 1.0)
-    canvas.draw()
-    assert not node(viewer[1], "/section/part")
 
 
 def test_a_page_shows_plans_and_proofs(viewer: Any) -> None:
@@ -173,7 +158,7 @@ def test_page_shows_the_proof_that_no_path_exists() -> None:
         viewer.refresh()
         assert viewer.page.wait(60.0)
         assert viewer.page.panel.proof.content == "**A path exists: proven.**"
-        assert not node(viewer, "/obstacles/whole")
+        assert not node(viewer, "/obstacles")
         assert repr(viewer) == f"Viewer({viewer.url})"
         assert viewer.url in viewer._repr_html_()
     viewer.close()
@@ -205,7 +190,7 @@ def test_page_of_a_tiled_map_proves_after_a_search(tmp_path: Path) -> None:
         assert viewer.plan is not None
         assert viewer.plan.solved
         assert "Not done" not in viewer.page.panel.answer.content
-        assert node(viewer, "/section/whole") and node(viewer, "/path")
+        assert node(viewer, "/section") and node(viewer, "/path")
 
 
 def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: Path) -> None:

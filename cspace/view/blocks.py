@@ -1,0 +1,76 @@
+"""Blocks of cells of a map, few enough for a browser."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from typing import Final, NamedTuple
+
+from cspace.arrays import Floats, block_starts, reduce_blocks
+from cspace.plot.artists import Classes, classify_cells, classify_ground
+from cspace.space import CSpace
+from cspace.tiles.space import TiledCSpace
+
+MAX_BLOCKS: Final = 2**21
+"""Maximum number of blocks of a map, roughly."""
+_MAX_CACHED_SLICES: Final = 24
+"""Maximum number of slices whose blocks are cached."""
+
+
+class Blocks(NamedTuple):
+    """Blocks of cells with the largest, most important class in each.
+
+    Attributes
+    ----------
+    classes : ndarray of uint8
+        Indices into :data:`cspace.plot.artists.CLASSES`, by x, y and, in space, z.
+    side : int
+        Cells along each axis of a block; blocks at the upper border of the map may be smaller.
+    """
+
+    classes: Classes
+    side: int
+
+
+class Cells:
+    """Blocks of the cells of a map; of a tiled map, of an overview.
+
+    Attributes
+    ----------
+    drawn : CSpace
+        The map that is drawn and sampled.
+    is_quick : bool
+        True if components are fast to compute. Those of a tiled map take long.
+    """
+
+    def __init__(self, space: CSpace | TiledCSpace) -> None:
+        self._space = space
+        self.is_quick = isinstance(space, CSpace)
+        self._cached: OrderedDict[int, Blocks] = OrderedDict()
+        self.invalidate()
+
+    def invalidate(self) -> None:
+        """Clear the cache, because the map has changed."""
+        self._cached.clear()
+        if isinstance(self._space, CSpace):
+            self.drawn = self._space
+        else:
+            grid = self._space.grid
+            share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
+            self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
+
+    def at(self, rotation: Floats | None) -> Blocks:
+        """Return the blocks of the map at a rotation, or without one of the workspace."""
+        space = self.drawn
+        key = -1 if rotation is None else int(space.rotations.find_cells(rotation))
+        if key not in self._cached:
+            classes = classify_ground(space.workspace)
+            if rotation is not None:
+                classes = classify_cells(space, rotation)
+            side = math.ceil((space.grid.size / MAX_BLOCKS) ** (1.0 / space.grid.dim))
+            blocks = reduce_blocks(classes, block_starts(classes.shape, side))
+            self._cached[key] = Blocks(blocks, side)
+        self._cached.move_to_end(key)
+        while len(self._cached) > _MAX_CACHED_SLICES:
+            self._cached.popitem(last=False)
+        return self._cached[key]
