@@ -172,8 +172,8 @@ class MapExport(NotebookPicture):
 
         return to_xarray(self._contents)
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save as a Zarr folder, which :func:`cspace.open` reads.
+    def save(self, path: str | Path, *, overwrite: bool = False, compress: bool = True) -> None:
+        """Save as a Zarr folder, complete or not at all.
 
         :func:`cspace.open`, ``xarray.open_zarr`` and any other reader of Zarr version 3 open it.
 
