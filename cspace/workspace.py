@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -828,10 +829,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     # No raster can tell such numbers from zero, and shapely fails on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _ZERO_BOUND * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
-    cells = float(np.prod(shape, dtype=float))
-    # The suggested spacing leaves room for the map as well as the workspace.
-    later, planned = (WORKSPACE_CELL_BYTES + 1) * cells, PlannedGrid(shape, spacing, *corners)
-    check_memory(bytes_a_cell * cells, "the map", planned, later=later)
+    check_memory(bytes_a_cell * float(math.prod(shape)), "the map", PlannedGrid(shape, spacing))
     return Grid(corners[0], spacing, shape)
 
 

@@ -18,11 +18,7 @@ from cspace.arrays import FREE, Floats, Ints
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
-from cspace.limits import check_memory
 from cspace.raster.bitmaps import boundary_mesh
-
-_BYTES_PER_SQUARE: Final = 160
-"""Bytes of memory per square of the boundary: its corners, its triangles, and its share of the vertices."""
 
 MAX_TRIANGLES: Final = 2**31 - 1
 """Maximum number of triangles that every format can count."""
@@ -39,15 +35,13 @@ def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     Vertices are ``lower + spacing * index``, each only once. Every edge belongs to two triangles, or to four if FREE
     cells touch only in that edge.
 
-    Raises InputError if there is no FREE cell, or the boundary does not fit into memory.
+    Raises InputError if there is no FREE cell.
     """
-    free = np.pad(state == FREE, 1)
-    count = sum(int(np.count_nonzero(np.diff(free, axis=axis))) for axis in range(3))
-    if not count:
+    free = state == FREE
+    if not free.any():
         rule, hint = "a boundary needs at least one", "build it with a smaller spacing, robot or margin"
         raise InputError("the map", "has no FREE cell", rule, hint)
-    check_memory(_BYTES_PER_SQUARE * count, "the boundary of the free space", grid)
-    vertices, faces, turns = boundary_mesh(free[1:-1, 1:-1, 1:-1], grid.spacing, grid.lower)
+    vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
     return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
 
 

@@ -61,7 +61,7 @@ def build_tiles(
     slices = int(rotations._slices_for(robot.shape).max()) + 1
     sides = resolve_tile(tile, grid.shape)
     needed = raster_bytes(robot, grid.spacing, settings["margin"], rotations, slices)  # every process holds all rasters
-    check_memory(needed, "the map", grid, fewer=rotations._argument_for_fewer, slices=slices, rasters=needed)
+    check_memory(needed, "the map", grid, slices=slices)
     outside, margin = settings["outside"], settings["margin"]
     about = {
         **describe_map(grid, robot, rotations, slices, outside, margin, workspace.source),

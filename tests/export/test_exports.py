@@ -193,15 +193,6 @@ def test_export_refuses_unsuitable_maps(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_boundary_larger_than_memory_is_refused(
-    tmp_path: Path, ball: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
-    with pytest.raises(InputError, match=r"the boundary of the free space .* of memory; at most"):
-        ball.export(tmp_path / "free.stl")
-    assert not list(tmp_path.iterdir())
-
-
 # ---- VTK images --------------------------------------------------------------------------------------------------
 
 
