@@ -152,7 +152,7 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Make a workspace of an array of cells.
 
-        A lazy array (zarr, dask, h5py, xarray on dask, ``numpy.memmap``) is read when needed: see
+        A lazy array (zarr, dask, xarray on dask, ``numpy.memmap``) is read when needed: see
         :class:`cspace.workspace.LazyWorkspace`.
 
         Parameters
