@@ -731,6 +731,9 @@ class LazyWorkspace(Workspace):
 
     __slots__ = ("_cells", "_whole")
 
+    _cells: Source
+    _whole: list[tuple[Bools, Bools]]
+
     def __init__(self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None) -> None:
         for name, value in (("grid", grid), ("source", source), ("shapes", shapes), ("live", False)):
             object.__setattr__(self, name, value)
@@ -740,7 +743,7 @@ class LazyWorkspace(Workspace):
     @property
     def cells(self) -> Source:
         """Source of the cells, read a box at a time."""
-        return self._cells  # type: ignore[no-any-return, attr-defined]
+        return self._cells
 
     @property
     def outer(self) -> Bools:
@@ -757,13 +760,12 @@ class LazyWorkspace(Workspace):
         return Workspace(self.grid, self.outer, self.inner, source=self.source, shapes=self.shapes)
 
     def _read(self) -> tuple[Bools, Bools]:
-        whole: list[tuple[Bools, Bools]] = self._whole  # type: ignore[attr-defined]
-        if not whole:
+        if not self._whole:
             grid = self.grid
             check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
             outer, inner = map(frozen, self.cells.read(tuple(slice(0, n) for n in grid.shape)))
-            whole.append((outer, outer if np.array_equal(outer, inner) else inner))
-        return whole[0]
+            self._whole.append((outer, outer if np.array_equal(outer, inner) else inner))
+        return self._whole[0]
 
     def __repr__(self) -> str:
         """Return source and number of cells."""

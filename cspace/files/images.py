@@ -64,7 +64,7 @@ class Shades:
     def where(self, test: Callable[[Floats], Bools]) -> Bools:
         """Return a mask of the pixels whose shade, from 0 (black) to 1 (white), passes a test."""
         passes = test(np.arange(self.white_level + 1) / float(self.white_level))
-        return np.asarray(passes, dtype=np.bool_)[self.levels]
+        return np.asarray(passes[self.levels])
 
     def among_opaque(self, pixels: Bools) -> Bools:
         """Return a mask without its transparent pixels."""

@@ -120,7 +120,7 @@ def _shape_of_sequence(given: Any, name: str) -> Shape:
     if getattr(given, "dtype", None) == np.bool_:
         hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
         raise InputError(name, "is an array of cells", "their size must be given", hint, value=given)
-    first = next(iter(given), {})
+    first: Any = next(iter(given), {})
     if isinstance(first, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
     row = np.shape(first)

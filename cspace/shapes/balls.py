@@ -69,7 +69,7 @@ class Balls(ExactShape):
         return ("disc", "ball")[self.dim - 2]
 
     @property
-    def encloses(self) -> bool:  # type: ignore[override]
+    def encloses(self) -> bool:
         """True if a ball has a positive radius."""
         return bool((self.radii > 0.0).any())
 

@@ -246,7 +246,7 @@ class Mesh(ExactShape):
         }
 
     @property
-    def encloses(self) -> bool:  # type: ignore[override]
+    def encloses(self) -> bool:
         """True if closed bodies are solid, at any spacing."""
         return self.solid == "auto" and bool(self._turns.any())
 

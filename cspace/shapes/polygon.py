@@ -97,7 +97,7 @@ class Polygons(ExactShape):
         return list(_iterate_parts(self.geometries))
 
     @property
-    def encloses(self) -> bool:  # type: ignore[override]
+    def encloses(self) -> bool:
         """True if a part is a polygon."""
         return any(filled for _, filled in self.parts)
 
