@@ -569,36 +569,50 @@ def containment_state(containment: Containment, position: Row, matrix: Matrix) -
     The state is BLOCKED if a part of one side lies inside the other, MIXED if undecided, otherwise FREE. The robot's
     reference point is at ``position``; no boundaries of robot and obstacles may meet.
     """
-    lower, spacing, state, k = containment.lower, containment.spacing, FREE, 0
-    (nx, ny, nz), count = containment.outer.shape, containment.corners.shape[0]
-    while k < count:
+    corners = corner_state(containment, position, matrix)
+    if corners == BLOCKED:
+        return BLOCKED
+    return max(corners, anchor_state(containment, position, matrix))
+
+
+@kernel
+def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
+    """Return BLOCKED if a part of the robot lies inside an obstacle, MIXED if undecided, otherwise FREE."""
+    spacing, state, k = containment.spacing, FREE, 0
+    nx, ny, nz = containment.outer.shape
+    while k < len(containment.corners):
         corner = containment.corners[k]
-        x, y, z = minus(apply_pose(matrix, position, row_at(corner, 0)), lower)
+        x, y, z = minus(apply_pose(matrix, position, row_at(corner, 0)), containment.lower)
         i, j, m = math.floor(x / spacing), math.floor(y / spacing), math.floor(z / spacing)
-        after = int(corner[3])
+        next_part = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
             if containment.exterior_blocked:
                 return BLOCKED
-            k = after
+            k = next_part
         elif containment.inner[i, j, m]:
             return BLOCKED
         elif not containment.outer[i, j, m]:
-            k = after
+            k = next_part
         else:
             k += 1
-            if k == after and containment.has_solids:  # all corners of the part are in undecided cells
+            if k == next_part and containment.has_solids:  # all corners of the part are in undecided cells
                 state = MIXED
-    first, last = 0, containment.anchors.shape[0]
+    return state
+
+
+@kernel
+def anchor_state(containment: Containment, position: Row, matrix: Matrix) -> int:
+    """Return BLOCKED if a part of the obstacles lies inside the robot, MIXED if undecided, otherwise FREE."""
+    anchors, low, high, state = containment.anchors, containment.low, containment.high, FREE
+    first, last = 0, len(anchors)
     while first < last:
         center = (first + last) // 2
-        if containment.anchors[center, 0] < position[0] - containment.reach:
+        if anchors[center, 0] < position[0] - containment.reach:
             first = center + 1
         else:
             last = center
-    low, high = containment.low, containment.high
-    for k in range(first, containment.anchors.shape[0]):
-        anchor = containment.anchors[k]
-        x, y, z = minus(row_at(anchor, 0), position)
+    for k in range(first, len(anchors)):
+        x, y, z = minus(row_at(anchors[k], 0), position)
         if x > containment.reach:
             break
         x, y, z = rotate_back(matrix, (x, y, z))
