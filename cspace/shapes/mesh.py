@@ -286,11 +286,14 @@ class Mesh(ExactShape):
 
         Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
         """
+        self._refuse_fill("close the mesh and pass solid='auto', or ask without exact=True")
+        return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
+
+    def _refuse_fill(self, hint: str) -> None:
+        """Raise InputError if the inside depends on the spacing, because exact answers must not."""
         if self.solid == "fill":
             rule = "the filled part depends on the spacing, and exact answers must not"
-            hint = "close the mesh and pass solid='auto', or ask without exact=True"
             raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
-        return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
     @property
     def surface(self) -> Surface:
@@ -384,9 +387,7 @@ class Mesh(ExactShape):
         InputError
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
-        if self.solid == "fill":
-            rule, hint = "the filled part depends on the spacing", "ask its cells, or pass solid='auto'"
-            raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
+        self._refuse_fill("ask its cells, or pass solid='auto'")
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
