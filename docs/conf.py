@@ -37,7 +37,7 @@ autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
 autosummary_context = {
     "inside": {
-        "Mesh": "cells, check_origin, closed, is_same, measure, rasters",
+        "Mesh": "cells, check_origin, is_same, measure, rasters",
         "Rotations": "COORDINATES, KINDS",
     }
 }
