@@ -234,7 +234,6 @@ def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyP
     assert printed["cells"]["total"] == 10**21
     assert printed["memory"]["fits"] is False
     assert "use a spacing of at least" in printed["memory"]["problem"]
-    assert " days of one core" in printed["memory"]["problem"]
     printed = document("info", "cube.obj", "--spacing", 0.002, "--rotations", "quaternions:16")
     assert "use --rotations quaternions:" in printed["memory"]["problem"]
     printed = document("info", "wall.wkt", "--spacing", 2e-6, "--rotations", 72)["memory"]
