@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Final, TypedDict, Unpack, overload
 
 import numpy as np
@@ -26,7 +25,7 @@ from cspace.engines.slices import (
 )
 from cspace.errors import InputError, UnitWarning, warn_user
 from cspace.grid import SLACK, Grid
-from cspace.limits import TRANSFORM_BYTES, build_seconds, check_memory, map_bytes
+from cspace.limits import check_memory, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import OUTSIDES
 from cspace.robot import GROWN, Robot, robot_of
@@ -206,16 +205,11 @@ def build(
     grid = workspace.grid
     slice_of = cells.assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
-    rasters_bytes = raster_bytes(robot, grid.spacing, margin, cells, slices)
-    needed = map_bytes(grid.shape, slices, counts) + rasters_bytes
-    check_fits = partial(check_memory, grid=grid, fewer=cells.argument_for_fewer, slices=slices, rasters=rasters_bytes)
-    check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
+    needed = map_bytes(grid.shape, slices, counts) + raster_bytes(robot, grid.spacing, margin, cells, slices)
+    check_memory(needed, "the map", grid, slices=slices)
     rasters = slice_rasters(robot, grid.spacing, margin, cells)
     groups = group_rasters(rasters, inner)
     correlation = Correlation.create(method, groups, outside, workers, progress, counts)
-    scratch = max(correlation.engine.bytes_needed(grid.shape, group, workers) for group in groups)
-    if scratch > TRANSFORM_BYTES:  # the first check included TRANSFORM_BYTES
-        check_fits(needed + scratch - TRANSFORM_BYTES, "the map, with the scratch memory of its engine,")
     states = np.empty((slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
     correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)

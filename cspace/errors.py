@@ -122,15 +122,6 @@ class ConfigurationError(InputError):
         reached.
     """
 
-    def __init__(
-        self,
-        argument: str,
-        problem: str | None = None,
-        rule: str = "",
-        hint: str = "",
-        *,
-        value: object = None,
-        nearest: tuple[float, ...] | None = None,
-    ) -> None:
-        super().__init__(argument, problem, rule, hint, value=value)
+    def __init__(self, *parts: str, value: object = None, nearest: tuple[float, ...] | None = None) -> None:
+        super().__init__(*parts, value=value)
         self.nearest = nearest

@@ -1,4 +1,4 @@
-"""Limits of files and of memory, checked before any work; and rough build times.
+"""Limits of files and of memory, checked before any work.
 
 A file of a few bytes can declare a map of terabytes. So every reader states its needs from the size of the file or its
 header, and every build from its grid. Excessive needs are refused with the figures.
@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-import numpy as np
-
-from cspace.arrays import Floats, StrPath
-from cspace.errors import CspaceError, FileError, InputError
-from cspace.grid import MAX_COORDINATE, Grid
+from cspace.arrays import StrPath
+from cspace.errors import FileError, InputError
+from cspace.grid import Grid
 
 WORKSPACE_CELL_BYTES: Final = 2
 """Memory for each cell of a workspace: its outer and its inner bitmap."""
@@ -46,12 +44,6 @@ FIXED_CELLS_HINT: Final = (
 
 _MIN_CHECKED_BYTES: Final = 2**18
 """Size of files below which the free memory is not queried, because that takes longer than reading."""
-
-_MAX_EXACT_COUNT: Final = 2**53
-"""Counts of cells up to here are printed exactly."""
-
-_ADVISED_FRACTION: Final = 0.85 * MAX_MEMORY_FRACTION
-"""Fraction of the free memory that an advised spacing uses, because the free memory changes."""
 
 
 class Limits(NamedTuple):
@@ -105,47 +97,37 @@ def build_seconds(shape: Sequence[int], slices: int = 1) -> float:
 def free_bytes() -> int:
     """Return the memory that this process can still use, in bytes.
 
-    That is the free memory of the machine, or the rest of a container's or a process's limit.
+    That is the free memory of the machine, or the rest of a container's limit.
     """
     import psutil
 
-    return int(min(psutil.virtual_memory().available, _container_bytes(), _address_bytes()))
+    return int(min(psutil.virtual_memory().available, _container_bytes()))
 
 
 @contextmanager
-def raised_limits(
-    *,
-    max_bytes: int | None = None,
-    max_cells: int | None = None,
-    max_text_bytes: int | None = None,
-    max_description_bytes: int | None = None,
-) -> Iterator[None]:
+def raised_limits(**limits: int) -> Iterator[None]:
     """Change the limits of files within a ``with`` block.
 
     Parameters
     ----------
-    max_bytes : int, optional
-        Maximum size of any file, in bytes; unchanged if left out, like all others.
-    max_cells : int, optional
-        Maximum number of cells of a map.
-    max_text_bytes : int, optional
-        Maximum size of JSON, GeoJSON, WKT, COLLADA and glTF without its buffers, in bytes.
-    max_description_bytes : int, optional
-        Maximum size of YAML, URDF and SRDF, in bytes.
+    **limits : int
+        New values of the fields of :class:`Limits`, by name: ``max_bytes``, ``max_cells``, ``max_text_bytes`` and
+        ``max_description_bytes``.
+
+    Raises
+    ------
+    InputError
+        If there is no such limit.
 
     Examples
     --------
     >>> with raised_limits(max_cells=2**33):
     ...     pass  # e.g. workspace = cspace.Workspace.open("city.png", spacing=0.05)
     """
-    given = {
-        "max_bytes": max_bytes,
-        "max_cells": max_cells,
-        "max_text_bytes": max_text_bytes,
-        "max_description_bytes": max_description_bytes,
-    }
-    changes = {name: value for name, value in given.items() if value is not None}
-    token = _LIMITS.set(_LIMITS.get()._replace(**changes))
+    for name, value in limits.items():
+        if name not in Limits._fields:
+            raise InputError(name, f"is {value}", f"the limits are {', '.join(Limits._fields)}", "correct the name")
+    token = _LIMITS.set(_LIMITS.get()._replace(**limits))
     try:
         yield
     finally:
@@ -190,38 +172,19 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
     """
     if needed >= _MIN_CHECKED_BYTES and needed > MAX_MEMORY_FRACTION * (free := free_bytes()):
         hint = "take a machine with more memory, or a smaller or coarser file"
-        raise out_of_memory(os.fspath(path), declared, needed, free, hint, error=FileError)
+        raise FileError(os.fspath(path), *_memory_parts(declared, needed, free), hint, value=needed)
 
 
 class PlannedGrid(NamedTuple):
-    """A grid that is not made before it is known to fit.
-
-    Lengths are in metres, or in ``unit``.
-    """
+    """Number and side of the cells of a grid that is not made before it is known to fit."""
 
     shape: Sequence[int]
     spacing: float
-    lower: Sequence[float] | Floats
-    upper: Sequence[float] | Floats
     unit: str = "m"
 
 
-def check_memory(
-    needed: float,
-    what: str,
-    grid: Grid | PlannedGrid,
-    *,
-    fixed: float = 0.0,
-    hint: str | None = None,
-    fewer: Callable[[float], str] | None = None,
-    seconds: float = 0.0,
-    later: float = 0.0,
-    slices: int = 1,
-    rasters: float = 0.0,
-) -> None:
+def check_memory(needed: float, what: str, grid: Grid | PlannedGrid, *, hint: str = "", slices: int = 1) -> None:
     """Refuse work that does not fit into memory.
-
-    The message gives the spacing that would fit, or else ``hint``.
 
     Parameters
     ----------
@@ -230,84 +193,32 @@ def check_memory(
     what : str
         Argument of the message: "the map".
     grid : Grid or PlannedGrid
-    fixed : float
-        Bytes that do not depend on the number of cells of ``grid``.
-    hint : str, optional
-        Hint if another spacing cannot be chosen.
-    fewer : callable, optional
-        Given a fraction, names the rotation cells that use at most this fraction of the memory; empty if there are
-        none.
-    seconds : float
-        Time on one core.
-    later : float
-        Bytes that the next step needs, if more; the advised spacing fits those.
+    hint : str
+        Hint if the spacing cannot be chosen; by default, it names a spacing that would fit.
     slices : int
-    rasters : float
-        Bytes of the robot's rasters, proportional to the number of slices; all others are proportional to the cells.
+        Number of slices, for the message.
     """
     free = free_bytes()
     if needed <= MAX_MEMORY_FRACTION * free:
         return
-    if hint is None:
-        # A robot's rasters are the same on a smaller map, and not much smaller at a coarser spacing.
-        available, total = _ADVISED_FRACTION * free - fixed, max(needed, later) - fixed
-        bytes_a_cell = max((total - rasters) / float(np.prod(np.asarray(grid.shape, dtype=float))), 1e-9)
-        coarser = fitting_spacing(
-            np.array([grid.lower, grid.upper]), grid.spacing, (available - rasters) / bytes_a_cell
+    if not hint:
+        # Other work and rounding take a part, so the advice leaves some memory.
+        excess = max(needed / (0.8 * MAX_MEMORY_FRACTION * free), 1.0)
+        coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
+        fewer = "fewer rotations, " if slices > 1 else ""
+        hint = (
+            f"use a spacing of at least {coarser:.2g} {grid.unit}, {fewer}smaller bounds, or check the units (metres)"
         )
-        rotations = fewer(available / (needed - fixed)) if fewer else ""
-        if coarser is not None:
-            hint = f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
-        else:
-            hint = f"{'' if rotations else 'no spacing helps; '}take a machine with more memory"
-        hint = f"use {rotations}, or {hint.removeprefix('use ')}" if rotations else hint
-    cells = " x ".join(f"{n:.4g}" if n > _MAX_EXACT_COUNT else str(n) for n in grid.shape)
+    cells = " x ".join(f"{count:.6g}" for count in grid.shape)
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
-    time = f", and very roughly {time_text(seconds)} of one core" if seconds else ""
-    raise out_of_memory(
-        what, f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}", needed, free, hint, time
-    )
+    problem = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"
+    raise InputError(what, *_memory_parts(problem, needed, free), hint, value=needed)
 
 
-def out_of_memory(
-    argument: str,
-    problem: str,
-    needed: float,
-    free: float,
-    hint: str,
-    time: str = "",
-    *,
-    error: type[CspaceError] = InputError,
-) -> CspaceError:
-    """Return the error for work beyond the memory limit."""
-    return error(
-        argument,
-        f"{problem} and needs about {bytes_text(needed)} of memory{time}",
-        f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory",
-        hint,
-        value=needed,
-    )
-
-
-def fitting_spacing(corners: Floats, spacing: float, max_cells: float) -> float | None:
-    """Estimate the spacing at which a box has at most ``max_cells`` cells.
-
-    The corners of the box have the shape (2, d), metres. The result has two digits, is at least ``spacing``, and keeps
-    the grid to :data:`cspace.grid.MAX_COORDINATE`. None if not even one cell fits.
-    """
-    if max_cells < 1.0:
-        return None
-    fitting = max(spacing, float(np.abs(corners).max()) / (MAX_COORDINATE - 1.0))
-    # Sides shorter than the spacing are one cell, so only the longer sides count.
-    sides = np.sort(corners[1] - corners[0])[::-1].tolist()
-    for count in range(len(sides), 0, -1):
-        side = math.exp((sum(math.log(max(s, 1e-300)) for s in sides[:count]) - math.log(max_cells)) / count)
-        if side <= sides[count - 1]:
-            fitting = max(fitting, side)
-            break
-    # Round up to two decimal digits, because the result is printed.
-    unit = 10.0 ** (math.floor(math.log10(fitting)) - 1)
-    return float(f"{math.ceil(fitting / unit) * unit:.2g}")
+def _memory_parts(problem: str, needed: float, free: float) -> tuple[str, str]:
+    """Return the problem and the rule of the error for work beyond the memory limit."""
+    rule = f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory"
+    return f"{problem} and needs about {bytes_text(needed)} of memory", rule
 
 
 def bytes_text(size: float) -> str:
@@ -317,14 +228,6 @@ def bytes_text(size: float) -> str:
             return f"{size:.3g} {unit}"
         size /= 1000
     return ""
-
-
-def time_text(seconds: float) -> str:
-    """Format a rough time for people, to one digit."""
-    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
-        if seconds >= 2.0 * size:
-            return f"{float(f'{seconds / size:.1g}'):,.0f} {unit}"
-    return f"{float(f'{seconds:.1g}'):g} s"
 
 
 def count_cells(shape: Sequence[int]) -> int:
@@ -347,21 +250,6 @@ def _container_bytes() -> float:
         return math.inf
     cached = next((int(line.split()[1]) for line in lines if line.startswith("inactive_file ")), 0)
     return max(0, limit - used + cached)
-
-
-def _address_bytes() -> float:
-    """Return the memory that the address-space limit leaves.
-
-    The limit is that of ``ulimit -v``.
-    """
-    import psutil
-
-    try:
-        import resource
-    except ImportError:
-        return math.inf
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return math.inf if limit == resource.RLIM_INFINITY else max(0, limit - psutil.Process().memory_info().vms)
 
 
 def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str, value: object) -> None:

@@ -27,7 +27,7 @@ from cspace.files.zarr_folders import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missi
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
 
-_LAZY_PACKAGES: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})
+_LAZY_PACKAGES: Final = frozenset({"dask", "zarr"})
 """Packages whose arrays read their values when they are indexed."""
 
 _DIGESTED_CELLS: Final = 2**26
@@ -77,16 +77,17 @@ class CellsInMemory:
 class LazyCells:
     """Cells of a lazy array, read a box at a time.
 
-    The array is of zarr, dask, h5py, xarray or ``numpy.memmap``. It is boolean, or has values 0 and 1, and is indexed
-    [x, y] or [x, y, z].
+    The array is of zarr, dask or ``numpy.memmap``, or an xarray of these. It is boolean, or has values 0 and 1, and is
+    indexed [x, y] or [x, y, z].
     """
 
     def __init__(self, array: Any, digest: str = "") -> None:
-        self.array, self.shape, self._digest = array, tuple(int(n) for n in array.shape), digest
+        check_dims(array, "occupied")  # of xarray
+        self.array = array = _unwrap(array)
+        self.shape, self._digest = tuple(int(n) for n in array.shape), digest
         check_cells(np.zeros((1,) * len(self.shape), dtype=array.dtype), "occupied")
         if 0 in self.shape:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
-        check_dims(getattr(array, "variable", None), "occupied")  # of xarray
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         """Return the cells of a box, twice.
@@ -106,43 +107,29 @@ class LazyCells:
     @property
     def name(self) -> str:
         """File or package of the array, for messages."""
-        files = [str(file) for file in self._files()]
-        return files[0] if files else f"{type(self.array).__module__.partition('.')[0]} array"
+        return str(self._file or f"{_package_of(self.array)} array")
 
     @property
     def stamp(self) -> str:
-        """Digest of the array's shape, place and files.
+        """Digest that changes when the cells change.
 
-        It contains the sizes and times of the files.
+        It has the sizes and times of the files of the array. An array without files is read as a whole, once; the name
+        of a dask array does not serve, because it may be another one in the process that resumes a build.
         """
-        parts = [f"{self.shape} {np.dtype(self.array.dtype).str} {self._place}"]
-        for file in self._files():
-            for path in _files_to_watch(file):
-                try:
-                    status = path.stat()
-                except OSError as error:
-                    raise changed_source(str(file), f"it cannot be read any more ({error.strerror})") from error
-                parts.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
+        if self._file is None:
+            self._digest = self._digest or self._digest_cells()
+            return self._digest
+        parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
+        if isinstance(self.array, np.memmap):
+            whole, begin = _find_mapped(self.array)
+            parts.append(f"{whole.offset + begin} {self.array.strides}")
+        for path in _files_to_watch(self._file):
+            try:
+                status = path.stat()
+            except OSError as error:
+                raise changed_source(str(path), f"it cannot be read any more ({error.strerror})") from error
+            parts.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-    @property
-    def _place(self) -> str:
-        """Place in its files that distinguishes the array from others of that shape.
-
-        An array without such a place is read as a whole, once, for its digest. The name of a dask array does not serve,
-        because it may be another one in the process that resumes a build.
-        """
-        array = self.array
-        if self._files():
-            if isinstance(array, np.memmap):
-                whole, begin = _find_mapped(array)
-                return f"{whole.offset + begin} {array.strides}"
-            if type(array).__module__.startswith("h5py") and array.name:
-                return str(array.name)
-            if isinstance(array, ZarrArray) or self._root is not None:
-                return ""  # the folder holds no other array
-        self._digest = self._digest or self._digest_cells()
-        return self._digest
 
     def _digest_cells(self) -> str:
         """Return the digest of all cells, read some rows at a time."""
@@ -152,44 +139,34 @@ class LazyCells:
             digest.update(np.packbits(self.read(box)[0]).data)
         return digest.hexdigest()
 
-    def _files(self) -> list[Path]:
-        """List the files and folders that contain the array."""
-        array = self.array
-        encoding = getattr(array, "encoding", {})
-        named = [
-            getattr(array, "filename", None),  # numpy.memmap
-            getattr(getattr(array, "file", None), "filename", None),  # h5py
-            encoding.get("source") if isinstance(encoding, dict) else None,  # xarray
-        ]
-        if self._root is not None:
-            named.append(self._root / getattr(array, "path", ""))
-        return [Path(os.fspath(name)).absolute() for name in named if name and Path(os.fspath(name)).exists()]
-
     @property
-    def _root(self) -> Path | None:
-        """Folder of a zarr array; None for other arrays."""
-        root = getattr(getattr(self.array, "store", None), "root", None)
-        return None if root is None else Path(root).absolute()
+    def _file(self) -> Path | None:
+        """File or folder that contains the array, if it is known."""
+        array = self.array
+        file = getattr(array, "filename", None)  # numpy.memmap
+        root = getattr(getattr(array, "store", None), "root", None)  # zarr
+        if root is not None:
+            file = Path(root) / getattr(array, "path", "")
+        return Path(file).absolute() if file and Path(file).exists() else None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the name of the file, not the values."""
+        """Pickle the name of a mapped file, not its values."""
         array = self.array
-        if isinstance(array, np.memmap) and array.filename is not None:
-            whole, begin = _find_mapped(array)
-            return _open_memmap, (
-                str(array.filename),
-                whole.offset,
-                whole.nbytes,
-                begin,
-                array.shape,
-                array.dtype,
-                array.strides,
-            )
-        if type(array).__module__.startswith("h5py"):
-            return _open_hdf5, (str(Path(array.file.filename).absolute()), array.name)
-        if self._root is not None:
-            return _open_zarr, (str(self._root), array.path)
-        return LazyCells, (array, self._digest)
+        if not isinstance(array, np.memmap) or array.filename is None:
+            return LazyCells, (array, self._digest)
+        whole, begin = _find_mapped(array)
+        place = whole.offset, whole.nbytes, begin
+        return _open_memmap, (str(array.filename), *place, array.shape, array.dtype, array.strides)
+
+
+def _unwrap(array: Any) -> Any:
+    """Return the array in an xarray, which may be lazy, or the array itself."""
+    return array.variable._data if hasattr(array, "variable") else array
+
+
+def _package_of(array: Any) -> str:
+    """Return the name of the package that defines the type of an array."""
+    return type(array).__module__.partition(".")[0]
 
 
 def _find_mapped(view: NDArray[Any]) -> tuple[np.memmap[Any, Any], int]:
@@ -217,20 +194,6 @@ def _open_memmap(
     view: Any = np.ndarray(shape, dtype, whole, begin, strides).view(np.memmap)
     view.filename = Path(file)
     return LazyCells(view)
-
-
-def _open_hdf5(file: str, name: str) -> LazyCells:
-    """Open an array of an HDF5 file."""
-    import h5py
-
-    return LazyCells(h5py.File(file, "r")[name])
-
-
-def _open_zarr(folder: str, path: str) -> LazyCells:
-    """Open an array of a Zarr folder."""
-    import zarr
-
-    return LazyCells(zarr.open_array(folder, path=path, mode="r"))
 
 
 def _files_to_watch(file: Path) -> Iterable[Path]:
@@ -273,22 +236,16 @@ def check_no_chunk_missing(array: Any) -> None:
 
     Its attributes may declare that missing chunks have the fill value.
     """
-    if type(array).__module__.partition(".")[0] == "zarr" and array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) != "fill_value":
+    if _package_of(array) == "zarr" and array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) != "fill_value":
         with decoding(LazyCells(array).name, "Zarr array"):
             if array.nchunks_initialized < array.nchunks:
                 raise missing_chunk(f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks")
 
 
 def is_lazy(array: Any) -> bool:
-    """Return True if an array is read when indexed."""
-    if isinstance(array, ZarrArray):
-        return True
-    if not (hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__")):
-        return False
-    data = getattr(array, "variable", None)
-    if data is not None and hasattr(data, "_data"):  # an xarray, which may have its values in memory
-        return not isinstance(data._data, np.ndarray) or isinstance(data._data, np.memmap)
-    return isinstance(array, np.memmap) or type(array).__module__.partition(".")[0] in _LAZY_PACKAGES
+    """Return True for arrays of :class:`LazyCells`."""
+    data = _unwrap(array)
+    return isinstance(data, ZarrArray | np.memmap) or _package_of(data) in _LAZY_PACKAGES
 
 
 def changed_source(name: str, problem: str) -> FileError:

@@ -695,8 +695,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
-        fewer = self.rotations.argument_for_fewer
-        check_memory(needed, "the map, to search it by clearance,", self.grid, fewer=fewer)
+        check_memory(needed, "the map, to search it by clearance,", self.grid)
         return self._distances.array()
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
@@ -1024,8 +1023,8 @@ class CSpace(ConfigurationMap, MapExport):
         """Distances of cells to those that are not FREE; they follow updates."""
         from cspace.map.distance import BYTES_PER_CELL, DistanceMap
 
-        needed, fewer = BYTES_PER_CELL * self._seen.size, self.rotations.argument_for_fewer
-        check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
+        needed = BYTES_PER_CELL * self._seen.size
+        check_memory(needed, "the map, with the clearance of its cells,", self.grid)
         return DistanceMap(self._seen, self._exterior.table, self._lock)
 
     @lazy

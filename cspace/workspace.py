@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -151,7 +152,7 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Make a workspace of an array of cells.
 
-        A lazy array (zarr, dask, h5py, xarray on dask, ``numpy.memmap``) is read when needed: see
+        A lazy array (zarr, dask, xarray on dask, ``numpy.memmap``) is read when needed: see
         :class:`cspace.workspace.LazyWorkspace`.
 
         Parameters
@@ -725,6 +726,9 @@ class LazyWorkspace(Workspace):
 
     __slots__ = ("_cells", "_whole")
 
+    _cells: Source
+    _whole: list[tuple[Bools, Bools]]
+
     def __init__(self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None) -> None:
         for name, value in (("grid", grid), ("source", source), ("shapes", shapes), ("live", False)):
             object.__setattr__(self, name, value)
@@ -734,7 +738,7 @@ class LazyWorkspace(Workspace):
     @property
     def cells(self) -> Source:
         """Source of the cells, read a box at a time."""
-        return self._cells  # type: ignore[no-any-return, attr-defined]
+        return self._cells
 
     @property
     def outer(self) -> Bools:
@@ -751,13 +755,12 @@ class LazyWorkspace(Workspace):
         return Workspace(self.grid, self.outer, self.inner, source=self.source, shapes=self.shapes)
 
     def _read(self) -> tuple[Bools, Bools]:
-        whole: list[tuple[Bools, Bools]] = self._whole  # type: ignore[attr-defined]
-        if not whole:
+        if not self._whole:
             grid = self.grid
             check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
             outer, inner = map(frozen, self.cells.read(tuple(slice(0, n) for n in grid.shape)))
-            whole.append((outer, outer if np.array_equal(outer, inner) else inner))
-        return whole[0]
+            self._whole.append((outer, outer if np.array_equal(outer, inner) else inner))
+        return self._whole[0]
 
     def __repr__(self) -> str:
         """Return source and number of cells."""
@@ -823,10 +826,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     # No raster can tell such numbers from zero, and shapely fails on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _ZERO_BOUND * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
-    cells = float(np.prod(shape, dtype=float))
-    # The suggested spacing leaves room for the map as well as the workspace.
-    later, planned = (WORKSPACE_CELL_BYTES + 1) * cells, PlannedGrid(shape, spacing, *corners)
-    check_memory(bytes_a_cell * cells, "the map", planned, later=later)
+    check_memory(bytes_a_cell * float(math.prod(shape)), "the map", PlannedGrid(shape, spacing))
     return Grid(corners[0], spacing, shape)
 
 

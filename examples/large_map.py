@@ -15,7 +15,7 @@ import planners
 from cspace.plot import save_plot
 
 # %%
-# Streets of 7 m between blocks of houses, 150 m by 150 m. An array of zarr, dask or h5py, or a ``numpy.memmap``, would
+# Streets of 7 m between blocks of houses, 150 m by 150 m. An array of zarr or dask, or a ``numpy.memmap``, would
 # stay on disk.
 
 houses = np.ones((750, 750), dtype=bool)  # [x, y], 0.2 m each

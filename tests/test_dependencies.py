@@ -15,8 +15,6 @@ from tests.repository import ROOT, SOURCES
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 REQUIREMENTS = [text for texts in (PROJECT["dependencies"], *EXTRAS.values()) for text in texts]
-BROUGHT_BY_USER = {"h5py"}
-"""Packages that are imported only if a user passes their objects."""
 
 
 def normalize(name: str) -> str:
@@ -66,7 +64,7 @@ def test_every_imported_package_is_declared() -> None:
         declared = required | distributions([text for extra in extras for text in EXTRAS[extra]])
         undeclared += [
             f"{file.relative_to(ROOT)} imports {package}"
-            for package in imported_packages(tree) - BROUGHT_BY_USER
+            for package in imported_packages(tree)
             if declared.isdisjoint(map(normalize, installed.get(package, [package])))
         ]
     assert not undeclared

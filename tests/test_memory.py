@@ -1,8 +1,6 @@
 """Memory checks before any work."""
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,29 +10,10 @@ from cspace.engines.slices import raster_bytes, slice_rasters
 from cspace.limits import (
     RASTER_CELL_BYTES,
     SLICE_BYTES,
-    WORKSPACE_CELL_BYTES,
     build_seconds,
     bytes_text,
     check_memory,
-    map_bytes,
-    time_text,
 )
-
-LIMITED_MEMORY_SCRIPT = """
-import resource, psutil, cspace
-room = psutil.Process().memory_info().vms + 2**29
-resource.setrlimit(resource.RLIMIT_AS, (room, room))
-try:
-    cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
-except cspace.InputError as error:
-    print(error)
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are kept on Linux")
-def test_free_memory_respects_a_limit_of_the_process():
-    done = subprocess.run([sys.executable, "-c", LIMITED_MEMORY_SCRIPT], capture_output=True, text=True, check=True)
-    assert "40000 x 40000 cells" in done.stdout and "needs about 3.2 GB" in done.stdout
 
 
 def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
@@ -42,19 +21,6 @@ def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
     check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match=r"at most 950 MB may be used, 95% .* at least 0.11 m"):
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
-    with pytest.raises(cspace.InputError, match="no spacing helps"):
-        check_memory(1.1e9, "the map", cspace.Grid((0.0, 0.0), 0.1, (10, 10)), fixed=1e9)
-
-
-def test_the_spacing_advised_for_a_workspace_fits_its_map(monkeypatch):
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
-    with pytest.raises(cspace.InputError, match="use a spacing of at least") as error:
-        cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
-    spacing = float(error.value.hint.split("at least ")[1].split()[0])
-    shape = [math.ceil(40.0 / spacing)] * 2
-    check_memory(
-        WORKSPACE_CELL_BYTES * math.prod(shape) + map_bytes(shape), "the map", cspace.Grid((0, 0), spacing, shape)
-    )
 
 
 @pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
@@ -79,17 +45,17 @@ def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, sto
             cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),
             cspace.Robot.rectangle(3.0, 1.0, (0.2, 0.0)),
         )
-        rotations, advice = cspace.Rotations.of(60_000), r"use rotations=\d+, or take a machine with more memory"
+        rotations = cspace.Rotations.of(60_000)
     else:
         workspace, robot = (
             cspace.Workspace.from_array(np.eye(2)[None] > 0, 0.1),
             cspace.Robot.box((0.9, 0.5, 0.1), (0.1, 0.1, 0.1)),
         )
-        rotations, advice = cspace.Rotations.quaternions(24), r"use rotations=Rotations.quaternions\(\d+\), or take"
+        rotations = cspace.Rotations.quaternions(24)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 3 * 10**8)
     monkeypatch.setattr("cspace.robot.Robot.rasters", None)
     options = {"store": tmp_path / "map.zarr"} if store else {}
-    with pytest.raises(cspace.InputError, match=rf"x [\d,]+ slices and needs about .* [MG]B of memory.*{advice}"):
+    with pytest.raises(cspace.InputError, match=r"x [\d,]+ slices and needs about .* [MG]B of memory.*fewer rotations"):
         cspace.build(workspace, robot, rotations=rotations, **options)
     assert not list(tmp_path.iterdir())
 
@@ -111,10 +77,7 @@ def test_the_memory_estimate_of_rasters_is_near_the_measurement(robot, rotations
     assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
 
 
-def test_durations_are_formatted_in_round_units():
-    assert [time_text(n) for n in (0.034, 7.0, 130.0, 8000.0, 1e6)] == [
-        "0.03 s", "7 s", "2 minutes", "2 hours", "10 days",
-    ]  # fmt: skip
+def test_build_times_grow_with_slices_and_cells():
     assert build_seconds((64, 64, 46), 6912) > build_seconds((64, 64, 46), 100) > build_seconds((64, 64), 100)
 
 

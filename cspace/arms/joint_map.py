@@ -139,7 +139,7 @@ def build_joint_map(
     check_memory(
         _BYTES_PER_JOINT_CELL * math.prod(shape),
         "the map",
-        PlannedGrid(shape, side, intervals[:, 0], intervals[:, 1], units[0]),
+        PlannedGrid(shape, side, units[0]),
     )
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
     moving = _moving_pairs(space, joint_indices)

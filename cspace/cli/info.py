@@ -342,7 +342,7 @@ class _MapEstimate:
             return {}
         warn_of_units(corners, spacing, what, bounds is not None)
         shape = covering_shape(box, spacing)
-        memory = self.memory(PlannedGrid(shape, spacing, *box), bytes_per_cell)
+        memory = self.memory(PlannedGrid(shape, spacing), bytes_per_cell)
         if memory["memory"]["fits"]:
             Grid(box[0], spacing, shape)  # raises InputError if the map is too far from the origin
         return {
@@ -353,14 +353,13 @@ class _MapEstimate:
             **memory,
         }
 
-    def memory(self, grid: Grid | PlannedGrid, bytes_per_cell: int, **hints: Any) -> dict[str, Any]:
+    def memory(self, grid: Grid | PlannedGrid, bytes_per_cell: int, hint: str = "") -> dict[str, Any]:
         """Estimate the memory and build time of a map.
 
-        ``hints`` are options of ``check_memory``.
+        ``hint`` is that of ``check_memory``.
         """
         from cspace.engines.slices import raster_bytes
         from cspace.limits import (
-            TRANSFORM_BYTES,
             WORKSPACE_CELL_BYTES,
             build_seconds,
             check_memory,
@@ -384,15 +383,8 @@ class _MapEstimate:
         }
         seconds = build_seconds(shape, self.slices)
 
-        def fewer(share: float) -> str:
-            # The workspace needs the same memory with fewer rotations.
-            available = share * (needed - TRANSFORM_BYTES) - max(workspace, read - TRANSFORM_BYTES)
-            return self._rotations.argument_for_fewer(available / (states - TRANSFORM_BYTES)) if available > 0.0 else ""
-
         try:
-            fixed = TRANSFORM_BYTES if needed > read else 0
-            hints |= {"seconds": seconds, "slices": self.slices, "rasters": rasters}
-            check_memory(needed, "the map", grid, fixed=fixed, fewer=fewer, **hints)
+            check_memory(needed, "the map", grid, hint=hint, slices=self.slices)
         except InputError as error:
             memory |= {"fits": False, "problem": format_error(error, self._names)}
         return {**self._facts, "memory": memory, "build_cpu_s": float(f"{seconds:.1g}")}

@@ -206,24 +206,18 @@ def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
     grid, (low, high) = workspace.grid, shape.bounds
     for axis in range(grid.dim):
         for upper, crosses in ((0, low[axis] < grid.lower[axis]), (1, high[axis] > grid.upper[axis])):
-            if crosses:
-                yield from _CAP_MAKERS[grid.dim](shape, workspace, axis, upper)
+            if crosses and grid.dim == 3:
+                yield _cap_cells(workspace, axis, upper)
+            elif crosses:
+                yield from (_cap_region(region, grid, axis, upper) for region in shape.regions)
 
 
-def _cap_cells(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
-    """Yield faces of outer cells on one side of the grid."""
+def _cap_cells(workspace: Workspace, axis: int, upper: int) -> Floats:
+    """Return faces of outer cells on one side of the grid."""
     columns = np.moveaxis(workspace.outer, axis, 0)
     sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
     sides[-upper] = columns[-upper]
-    yield rectangle_triangles(sides, axis, workspace.grid.spacing, workspace.grid.lower)
-
-
-def _cap_regions(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
-    """Yield segments of one side of the grid inside regions."""
-    return (_cap_region(region, workspace.grid, axis, upper) for region in shape.regions)
-
-
-_CAP_MAKERS: Final = {2: _cap_regions, 3: _cap_cells}
+    return rectangle_triangles(sides, axis, workspace.grid.spacing, workspace.grid.lower)
 
 
 def _cap_region(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
-from functools import cached_property
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,12 +15,19 @@ import numpy as np
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Numbers, Row, States
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace.exact.boundaries import Problem, Proofs, as_triangles, connected_parts, obstacle_boundary, part_anchors
-from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction, place_box
+from cspace.exact.boundaries import (
+    ObstacleBoundary,
+    Problem,
+    Proofs,
+    as_triangles,
+    connected_parts,
+    obstacle_boundary,
+    part_anchors,
+)
+from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction
 from cspace.grid import MAX_COORDINATE
 from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
 from cspace.map.batches import as_contiguous
-from cspace.map.callbacks import MAX_SIZE, bind_kernel, position_before, rotation_before
 from cspace.map.edges import edge_is_free, edges_are_free, position_along
 from cspace.map.points import classify, is_usable, position_in, state_at
 from cspace.map.record import Map
@@ -29,16 +35,12 @@ from cspace.rotations.lookup import arc_angle_and_error, arc_count, matrix_rows,
 from cspace.shapes import Box, RoundedSimplices
 from cspace.threads import in_chunks
 
-MAX_MOTION_CELLS: Final = 2.0
-"""Longest part of an edge that one distance query tries to prove, in cells; longer parts make the tree search slow."""
+PIECE_CELLS: Final = 2.0
+"""Length of the pieces of an edge, in cells; the tree search is slow for longer ones."""
 
 
-GOLDEN_RATIO: Final = 0.618
-"""Inverse of the golden ratio; the fractional parts of its multiples fill [0, 1) evenly."""
-
-
-MAX_PENDING_PARTS: Final = 1024
-"""Capacity of the queue of unproven parts of an edge."""
+MAX_PENDING_PARTS: Final = 64
+"""Capacity of the stack of unproven parts of a piece; each level halves the parts, down to :data:`MIN_ADVANCE`."""
 
 
 ANCHORS_PER_BATCH: Final = 100_000
@@ -192,16 +194,16 @@ class Containment(NamedTuple):
 
 
 class BoundaryTrees(NamedTuple):
-    """Trees of robot, obstacles and walls, given by their roots.
+    """Trees of robot, walls and obstacles, given by their roots.
 
-    All lengths are scaled: metres times ``scale``. ``max_lever`` is the longest lever of the robot, and ``required``
-    the distance that proves a configuration free. Walls are the faces of the grid, used if the exterior is blocked.
+    All lengths are scaled: metres times ``scale``. ``others`` are the roots of the walls and of the obstacles, -1 for
+    none. Walls are the faces of the grid, used if the exterior is blocked. ``max_lever`` is the longest lever of the
+    robot, and ``required`` the distance that proves a configuration free.
     """
 
     trees: Trees
     robot: int
-    obstacles: int
-    walls: int
+    others: tuple[int, int]
     max_lever: float
     scale: float
     required: float
@@ -216,45 +218,45 @@ class ProofInputs(NamedTuple):
 
 
 class BoundaryProofs:
-    """Proofs for one robot among the obstacles of one workspace.
-
-    Each kernel is compiled at its first call.
-    """
+    """Proofs for one robot among the obstacles of one workspace."""
 
     def __init__(self, problem: Problem) -> None:
-        workspace, self._robot = problem.workspace, problem.robot.shape.outer
-        boundaries, grid = obstacle_boundary(workspace, exterior_blocked=problem.exterior_blocked), workspace.grid
+        self._robot = problem.robot.shape.outer
+        self._size, self._rotations = problem.size, problem.rotations
+        grid = problem.workspace.grid
+        self._dim, self._bounds = grid.dim, (np.asarray(grid.lower), np.asarray(grid.upper))
+        walls = obstacle_boundary(problem.workspace, exterior_blocked=problem.exterior_blocked)
         # Balls and points need no containment test, because the distance from their center decides.
-        parts = zip((each.outer for each in workspace.shapes or ()), boundaries.pieces, strict=False)
+        parts = zip((each.outer for each in problem.workspace.shapes or ()), walls.pieces, strict=False)
         self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim]
-        boundary, fixed = as_triangles([self._robot.boundary()]), as_triangles(boundaries.pieces)
-        # Walls of a plane grid are so high that their sides, not their tops, are nearest.
-        sides = np.pad(np.subtract(grid.upper, grid.lower), (0, 3 - grid.dim), mode="maximum")
-        walls_box = Box.of(sides, np.pad(np.add(grid.lower, grid.upper) / 2.0, (0, 3 - grid.dim)))
-        walls = as_triangles([walls_box.boundary()] if problem.exterior_blocked else [])
-        max_coordinate = problem.max_coordinate + float(
-            np.abs(fixed.simplices).max(initial=0.0) + fixed.radii.max(initial=0.0)
-        )
-        scale = 2.0 ** -math.frexp(max_coordinate)[1]
-        trees, roots = build_trees(
-            [RoundedSimplices(scale * part.simplices, scale * part.radii) for part in (boundary, fixed, walls)],
-            problem.rotations.about_z,
-        )
+        boundary = as_triangles([self._robot.boundary()])
+        self._boundaries = _build_boundary_trees(problem, boundary, walls)
+        containment = self._make_containment(problem, boundary, walls.pieces)
+        self._inputs = ProofInputs(problem.map, self._boundaries, containment)
+        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + len(self._anchors) + len(containment.anchors))
+
+    def _make_containment(
+        self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
+    ) -> Containment:
+        """Collect the points of the robot and of the obstacles that containment tests need."""
+        workspace, grid, robot = problem.workspace, problem.workspace.grid, self._robot
+        missing_axis = (0, 3 - grid.dim)
         corners, starts = connected_parts(boundary)
-        part_stops = np.append(starts[1:], len(corners))
-        self._anchors, reach = corners[starts], float(np.sqrt((corners**2).sum(axis=1)).max())
+        stops = np.append(starts[1:], len(corners))
+        self._anchors = corners[starts]
+        reach = float(np.sqrt((corners**2).sum(axis=1)).max())
         anchors = [np.empty((0, 3))]
         # A robot of balls needs no anchors either. Only parts no larger than the robot can lie inside it.
-        if self._robot.encloses and (boundary.simplices != boundary.simplices[:, :1]).any():
-            anchored = (part_anchors(as_triangles([part])) for part in boundaries.pieces)
-            anchors += [points[sizes <= 2.0 * reach] for points, sizes in anchored]
+        if robot.encloses and (boundary.simplices != boundary.simplices[:, :1]).any():
+            for points, sizes in (part_anchors(as_triangles([part])) for part in pieces):
+                anchors.append(points[sizes <= 2.0 * reach])
         small = np.concatenate(anchors)
-        low, high = (np.pad(corner, (0, 3 - grid.dim)) for corner in self._robot.bounds)
-        regions, cells = self._robot.regions, (*grid.shape, 1)[:3]
-        containment = Containment(
-            corners=np.hstack([corners, np.repeat(part_stops, part_stops - starts)[:, None]]),
+        low, high = (np.pad(corner, missing_axis) for corner in robot.bounds)
+        cells, regions = (*grid.shape, 1)[:3], robot.regions
+        return Containment(
+            corners=np.hstack([corners, np.repeat(stops, stops - starts)[:, None]]),
             exterior_blocked=problem.exterior_blocked,
-            lower=tuple(np.pad(grid.lower, (0, 3 - grid.dim)).tolist()),
+            lower=tuple(np.pad(grid.lower, missing_axis).tolist()),
             spacing=grid.spacing,
             outer=workspace.outer.reshape(cells),
             inner=(workspace.inner if workspace.shapes else workspace.outer).reshape(cells),
@@ -263,34 +265,15 @@ class BoundaryProofs:
             high=tuple(high.tolist()),
             reach=1.001 * reach,
             has_solids=bool(self._shapes),
-            is_box=isinstance(self._robot, Box),
+            is_box=isinstance(robot, Box),
             regions=np.concatenate([np.empty((0, 4)), *regions]),
             region_stops=np.cumsum([len(region) for region in regions], dtype=np.int64),
         )
-        required = scale * (problem.required_distance + boundaries.error + DISTANCE_ROUNDING * max_coordinate)
-        max_lever = float(trees.boxes[0, 6])
-        self._boundaries = BoundaryTrees(trees, roots[0], roots[1], roots[2], max_lever, scale, required)
-        self._inputs = ProofInputs(problem.map, self._boundaries, containment)
-        self._size, self._dim, self._rotations = problem.size, grid.dim, problem.rotations
-        self._bounds = np.asarray(grid.lower), np.asarray(grid.upper)
-        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + len(self._anchors) + len(small))
 
-    @cached_property
-    def edge(self) -> Callable[..., bool]:
-        """Compiled ``edge(*q0, *q1)`` of :class:`Proofs`."""
-        size, local = self._size, threading.local()
-        padding = (0.0,) * (2 * (MAX_SIZE - size))
-        prove = bind_kernel(state_of_edge, (self._inputs, size), make_scratch(), (0.0,) * (2 * MAX_SIZE))
-
-        def edge(*both: float) -> bool:
-            try:
-                scratch = local.scratch
-            except AttributeError:  # the first call of a thread
-                scratch = local.scratch = make_scratch()
-            state = prove(scratch, padding + both)
-            return state == FREE or (state == MIXED and not self._are_nested(np.array([both[:size]]))[0])
-
-        return edge
+    def edge(self, *both: float) -> bool:
+        """Return True if an edge is proven free; see :class:`Proofs`."""
+        q0, q1 = np.array(both, dtype=np.float64).reshape(2, 1, self._size)
+        return bool(self.are_free(q0, q1)[0])
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         """Return whether each edge, shapes (n, size), is proven free."""
@@ -326,7 +309,8 @@ class BoundaryProofs:
         The shapes are (n, 3) and (n, 3, 3).
         """
         positions, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
-        positions[:, : self._dim], matrices[:, 2, 2] = points[:, : self._dim], 1.0
+        positions[:, : self._dim] = points[:, : self._dim]
+        matrices[:, 2, 2] = 1.0
         matrices[:, : self._dim, : self._dim] = self._rotations.rotation_matrices(points)
         return positions, matrices
 
@@ -336,16 +320,14 @@ class BoundaryProofs:
         No boundaries may meet. Tests only the cases that :func:`containment_state` leaves MIXED.
         """
         containment, (positions, angles) = self._inputs.containment, self._place_robot(q)
-        nested, (low, high) = np.zeros(len(q), dtype=np.bool_), self._bounds
+        nested = np.zeros(len(q), dtype=np.bool_)
         if self._shapes:
+            low, high = self._bounds
             anchors = (self._anchors @ angles.swapaxes(1, 2) + positions[:, None])[..., : self._dim]
             # Obstacles end at the bounds of the grid.
             which, points = _select_points((low <= anchors) & (anchors <= high), anchors)
             for part in self._shapes if len(points) else ():
-                inside = which[part.contains(points)]
-                nested[inside] = True
-                if len(inside) and nested.all():
-                    break
+                nested[which[part.contains(points)]] = True
         # If the robot has regions of the plane, compiled code has tested the anchors already.
         if len(containment.anchors) and not len(containment.region_stops):
             near = (containment.anchors - positions[:, None]) @ angles
@@ -353,6 +335,24 @@ class BoundaryProofs:
             if len(points):
                 nested[which[self._robot.contains(points)]] = True
         return nested
+
+
+def _build_boundary_trees(problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary) -> BoundaryTrees:
+    """Build the trees of robot, obstacles and walls, scaled to coordinates of about one."""
+    grid = problem.workspace.grid
+    obstacles = as_triangles(walls.pieces)
+    missing_axis = (0, 3 - grid.dim)
+    # Walls of a plane grid are so high that their sides, not their tops, are nearest.
+    sides = np.pad(np.subtract(grid.upper, grid.lower), missing_axis, mode="maximum")
+    box = Box.of(sides, np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis))
+    faces = as_triangles([box.boundary()] if problem.exterior_blocked else [])
+    largest = np.abs(obstacles.simplices).max(initial=0.0) + obstacles.radii.max(initial=0.0)
+    max_coordinate = problem.max_coordinate + float(largest)
+    scale = 2.0 ** -math.frexp(max_coordinate)[1]
+    scaled = [RoundedSimplices(scale * part.simplices, scale * part.radii) for part in (robot, obstacles, faces)]
+    trees, (robot_root, obstacle_root, wall_root) = build_trees(scaled, problem.rotations.about_z)
+    required = scale * (problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate)
+    return BoundaryTrees(trees, robot_root, (wall_root, obstacle_root), float(trees.boxes[0, 6]), scale, required)
 
 
 def _select_points(within: Bools, points: Floats) -> tuple[Ints, Floats]:
@@ -376,6 +376,39 @@ def make_scratch() -> Scratch:
     return Scratch(np.empty((MAX_PENDING_PARTS, 2)), np.full(MAX_PENDING_PAIRS, -1))
 
 
+class EdgeArc(NamedTuple):
+    """One of the arcs along which the robot may move between two configurations.
+
+    Attributes
+    ----------
+    p0, p1 : tuple of float
+        Positions at the ends.
+    r0, r1 : tuple of float
+        Rotations at the ends.
+    number : int
+        Number of the arc; 0 for the shorter one.
+    step : tuple of float
+        Translation of the reference point, scaled like the trees.
+    angle : float
+        Rotation, radians.
+    angle_error : float
+        Angle by which the rotation may jump. If it is not zero, a part may be at any rotation of the whole arc, so
+        that cells prove nothing.
+    required : float
+        Distance that proves a configuration free, scaled, with all rounding.
+    """
+
+    p0: Row
+    r0: Numbers
+    p1: Row
+    r1: Numbers
+    number: int
+    step: Row
+    angle: float
+    angle_error: float
+    required: float
+
+
 @kernel
 def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States) -> None:
     """Fill ``out`` with :func:`edge_state` of edges, shapes (n, size)."""
@@ -386,114 +419,131 @@ def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scr
 
 
 @kernel
-def state_of_edge(inputs: ProofInputs, size: int, scratch: Scratch, both: Numbers) -> int:
-    """Return :func:`edge_state` of an edge by the numbers of its ends, each of length ``size``, after zeros."""
-    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
-    p0, r0 = position_before(inputs.map, both, middle), rotation_before(inputs.map.rotations.borders, both, middle)
-    p1, r1 = position_before(inputs.map, both, end), rotation_before(inputs.map.rotations.borders, both, end)
-    return edge_state(inputs, p0, r0, p1, r1, scratch)
-
-
-@kernel
 def edge_state(inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch) -> int:
     """Return FREE if a whole edge is proven free, BLOCKED if not.
 
     MIXED means that no boundaries meet along the edge: it is free if neither robot nor obstacles contain the other at
     the first endpoint. An edge with equal endpoints is a point. If two arcs are equally long up to rounding, both must
     be proven.
-
-    The map proves a part of an arc, or the distance at its midpoint proves an interval around the midpoint and leaves
-    the remainders on both sides. The endpoint is tested first, then mostly longer parts before shorter ones, so that a
-    collision anywhere on the edge is found early.
     """
-    (map_, boundaries, containment), parts, size, nested = inputs, scratch.parts, 0.0, FREE
-    if not (is_usable(p0, r0) and is_usable(p1, r1)):
+    map_, boundaries = inputs.map, inputs.boundaries
+    size = edge_size(map_, p0, r0, p1, r1)
+    if size < 0.0:
         return BLOCKED
-    scale, spacing = boundaries.scale, boundaries.scale * map_.spacing
-    for axis in range(3 - map_.dim, 3):
-        length = abs(p0[axis]) + abs(p1[axis])
-        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # the negated comparison refuses NaN too
-            return BLOCKED
-        size += length
+    scale, lever = boundaries.scale, boundaries.max_lever
     step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
-    for arc in range(arc_count(r0, r1)):
-        angle, angle_error = arc_angle_and_error(r0, r1, arc)
-        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + angle_error * boundaries.max_lever
-        speed = math.sqrt(dot(step, step)) + angle * boundaries.max_lever
-        # Most colliding edges of a planner collide at an endpoint. For a point, the endpoint is the whole edge.
-        parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
-        scratch.node_pairs[0] = -1
-        head, pending, measured = 0, 2 if speed > 0.0 else 1, 0
-        while pending > 0:
-            pending -= 1
-            # Pick parts from all over the queue, because neighbours mostly both collide or are both free.
-            # When the queue is nearly full, pick the newest part: it is short and adds few others.
-            nearly_full = pending >= MAX_PENDING_PARTS - MAX_PENDING_PAIRS
-            pick = pending if nearly_full else int(pending * (GOLDEN_RATIO * measured % 1.0))
-            row = (head + pick) % MAX_PENDING_PARTS
-            first, last = parts[row, 0], parts[row, 1]
-            if not nearly_full:
-                parts[row, 0], parts[row, 1] = parts[head, 0], parts[head, 1]
-                head = (head + 1) % MAX_PENDING_PARTS
-            half, center = 0.5 * (last - first), 0.5 * (first + last)
-            # If the rotation jumps, a part may be at any rotation of the whole arc, so cells prove nothing.
-            if angle_error == 0.0 and 0.0 < last - first < 1.0:
-                begin, end = position_along(p0, p1, first), position_along(p0, p1, last)
-                before = rotation_along(r0, r1, arc, first)
-                after = rotation_along(r0, r1, arc, last)
-                if edge_is_free(map_, begin, before, end, after):
-                    continue
-            place, rotation = position_along(p0, p1, center), rotation_along(r0, r1, arc, center)
-            state, travel, proven = state_at(map_, place, rotation), 2.0 * half * speed, 0.0
-            if state == FREE and travel == 0.0:
-                continue
-            if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
-                return BLOCKED
-            if travel <= (spacing if state == FREE else MAX_MOTION_CELLS * spacing):
-                position = reference_point(map_, place, scale)
-                motion = Motion(matrix_rows(rotation), position, step, angle, required, 0.0)
-                enough = half / ADVANCE_FACTOR
-                walls, pairs = boundaries.walls, scratch.node_pairs
-                if walls >= 0 and stays_within_walls(boundaries, motion, enough):
-                    walls = -1
-                others = walls, boundaries.obstacles
-                proven = free_fraction(boundaries.trees, boundaries.robot, others, motion, enough, pairs)
-                measured += 1
-                if proven < 0.0:
-                    return BLOCKED
-                # While no boundaries meet, containment cannot change, so it is tested once.
-                if measured == 1:
-                    position = reference_point(map_, place, 1.0)
-                    nested = max(nested, containment_state(containment, position, motion.matrix))
-                    if nested == BLOCKED:
-                        return BLOCKED
-                proven *= ADVANCE_FACTOR
-                if proven < min(half, MIN_ADVANCE):
-                    return BLOCKED
-            if proven < half:
-                row = (head + pending) % MAX_PENDING_PARTS
-                parts[row, 0], parts[row, 1] = first, center - proven
-                row = (row + 1) % MAX_PENDING_PARTS
-                parts[row, 0], parts[row, 1] = center + proven, last
-                pending += 2
-    return nested
+    measured = 0
+    for number in range(arc_count(r0, r1)):
+        angle, error = arc_angle_and_error(r0, r1, number)
+        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + error * lever
+        arc = EdgeArc(p0, r0, p1, r1, number, step, angle, error, required)
+        measured = prove_arc(inputs, arc, scratch, measured)
+        if measured < 0:
+            return BLOCKED
+    if measured == 0:
+        return FREE
+    # While no boundaries meet, containment cannot change, so one test is enough.
+    return containment_state(inputs.containment, reference_point(map_, p0, 1.0), matrix_rows(r0))
 
 
 @kernel
-def stays_within_walls(boundaries: BoundaryTrees, motion: Motion, fraction: float) -> bool:
-    """Return True if the robot stays within the walls.
+def edge_size(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> float:
+    """Return the sum of the coordinates of an edge, for rounding, or -1 for an unusable edge."""
+    if not (is_usable(p0, r0) and is_usable(p1, r1)):
+        return -1.0
+    size = 0.0
+    for axis in range(3 - map_.dim, 3):
+        length = abs(p0[axis]) + abs(p1[axis])
+        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # the negated comparison refuses NaN too
+            return -1.0
+        size += length
+    return size
 
-    Tests its bounding box during a fraction of a motion.
+
+@kernel
+def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int) -> int:
+    """Prove an arc free; return the number of distances measured, or -1 if it is not proven.
+
+    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it is proven first.
+    Then pieces far apart come before those between them, because neighbours mostly both collide or are both free.
     """
-    box, wall = boundaries.trees.boxes[boundaries.robot], boundaries.trees.boxes[boundaries.walls]
-    center, half = place_box(motion, box)
-    center = minus(center, row_at(wall, 0))
-    drift = box[6] * motion.angle + motion.drift
-    for axis in range(3):
-        # An infinite fraction of a zero motion is NaN; the negated comparison makes it prove nothing.
-        if not abs(center[axis]) + half[axis] + fraction * (abs(motion.step[axis]) + drift) < wall[3 + axis]:
-            return False
-    return True
+    boundaries = inputs.boundaries
+    scratch.node_pairs[0] = -1
+    measured = prove_part(inputs, arc, 1.0, 1.0, scratch, measured)
+    length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
+    if measured < 0 or length == 0.0:
+        return measured
+    count = max(1, math.ceil(length / (PIECE_CELLS * boundaries.scale * inputs.map.spacing)))
+    stride = 1
+    while stride < count:
+        stride *= 2
+    first = 0
+    while stride > 0:
+        for piece in range(first, count, 2 * stride if first else count):
+            measured = prove_part(inputs, arc, piece / count, (piece + 1) / count, scratch, measured)
+            if measured < 0:
+                return -1
+        stride //= 2
+        first = stride
+    return measured
+
+
+@kernel
+def rotation_on(arc: EdgeArc, t: float) -> Numbers:
+    """Return the rotation at t, from 0 to 1, along an arc."""
+    return rotation_along(arc.r0, arc.r1, arc.number, t)
+
+
+@kernel
+def prove_part(inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch, measured: int) -> int:
+    """Prove a part of an arc free; return as :func:`prove_arc`.
+
+    The map proves the part, or the distance at its midpoint proves an interval around the midpoint and leaves the
+    remainders on both sides.
+    """
+    map_, parts = inputs.map, scratch.parts
+    parts[0, 0], parts[0, 1] = first, last
+    pending = 1
+    while pending > 0:
+        pending -= 1
+        first, last = parts[pending, 0], parts[pending, 1]
+        if arc.angle_error == 0.0 and first < last:
+            start, end = position_along(arc.p0, arc.p1, first), position_along(arc.p0, arc.p1, last)
+            if edge_is_free(map_, start, rotation_on(arc, first), end, rotation_on(arc, last)):
+                continue
+        half, center = 0.5 * (last - first), 0.5 * (first + last)
+        position, rotation = position_along(arc.p0, arc.p1, center), rotation_on(arc, center)
+        state = state_at(map_, position, rotation)
+        if state == FREE and first == last:
+            continue
+        if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
+            return -1
+        proven = prove_around(inputs, arc, position, rotation, half, scratch)
+        measured += 1
+        if proven < min(half, MIN_ADVANCE):
+            return -1
+        if proven < half:
+            parts[pending, 0], parts[pending, 1] = center + proven, last
+            parts[pending + 1, 0], parts[pending + 1, 1] = first, center - proven
+            pending += 2
+    return measured
+
+
+@kernel
+def prove_around(
+    inputs: ProofInputs, arc: EdgeArc, position: Row, rotation: Numbers, half: float, scratch: Scratch
+) -> float:
+    """Return the fraction of an arc, up to ``half``, that is proven free on both sides of a configuration of it.
+
+    The fraction is negative if the robot is too near there.
+    """
+    boundaries = inputs.boundaries
+    place = reference_point(inputs.map, position, boundaries.scale)
+    motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
+    enough = half / ADVANCE_FACTOR
+    trees, pairs = boundaries.trees, scratch.node_pairs
+    fraction: float = free_fraction(trees, boundaries.robot, boundaries.others, motion, enough, pairs)
+    return ADVANCE_FACTOR * fraction
 
 
 @kernel
@@ -512,8 +562,9 @@ def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, s
         required = boundaries.required + 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
         # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at best + span.
         motion = Motion(matrix, position, fixed, 0.0, required, 1.0)
-        others, enough = (boundaries.walls, boundaries.obstacles), best + spans[k]
-        best = min(best, free_fraction(boundaries.trees, boundaries.robot, others, motion, enough, scratch) - spans[k])
+        enough = best + spans[k]
+        distance = free_fraction(boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch)
+        best = min(best, distance - spans[k])
         if best <= 0.0:
             return 0.0
     return best
@@ -535,36 +586,50 @@ def containment_state(containment: Containment, position: Row, matrix: Matrix) -
     The state is BLOCKED if a part of one side lies inside the other, MIXED if undecided, otherwise FREE. The robot's
     reference point is at ``position``; no boundaries of robot and obstacles may meet.
     """
-    lower, spacing, state, k = containment.lower, containment.spacing, FREE, 0
-    (nx, ny, nz), count = containment.outer.shape, containment.corners.shape[0]
-    while k < count:
+    corners = corner_state(containment, position, matrix)
+    if corners == BLOCKED:
+        return BLOCKED
+    return max(corners, anchor_state(containment, position, matrix))
+
+
+@kernel
+def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
+    """Return BLOCKED if a part of the robot lies inside an obstacle, MIXED if undecided, otherwise FREE."""
+    spacing, state, k = containment.spacing, FREE, 0
+    nx, ny, nz = containment.outer.shape
+    while k < len(containment.corners):
         corner = containment.corners[k]
-        x, y, z = minus(apply_pose(matrix, position, row_at(corner, 0)), lower)
+        x, y, z = minus(apply_pose(matrix, position, row_at(corner, 0)), containment.lower)
         i, j, m = math.floor(x / spacing), math.floor(y / spacing), math.floor(z / spacing)
-        after = int(corner[3])
+        next_part = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
             if containment.exterior_blocked:
                 return BLOCKED
-            k = after
+            k = next_part
         elif containment.inner[i, j, m]:
             return BLOCKED
         elif not containment.outer[i, j, m]:
-            k = after
+            k = next_part
         else:
             k += 1
-            if k == after and containment.has_solids:  # all corners of the part are in undecided cells
+            if k == next_part and containment.has_solids:  # all corners of the part are in undecided cells
                 state = MIXED
-    first, last = 0, containment.anchors.shape[0]
+    return state
+
+
+@kernel
+def anchor_state(containment: Containment, position: Row, matrix: Matrix) -> int:
+    """Return BLOCKED if a part of the obstacles lies inside the robot, MIXED if undecided, otherwise FREE."""
+    anchors, low, high, state = containment.anchors, containment.low, containment.high, FREE
+    first, last = 0, len(anchors)
     while first < last:
         center = (first + last) // 2
-        if containment.anchors[center, 0] < position[0] - containment.reach:
+        if anchors[center, 0] < position[0] - containment.reach:
             first = center + 1
         else:
             last = center
-    low, high = containment.low, containment.high
-    for k in range(first, containment.anchors.shape[0]):
-        anchor = containment.anchors[k]
-        x, y, z = minus(row_at(anchor, 0), position)
+    for k in range(first, len(anchors)):
+        x, y, z = minus(row_at(anchors[k], 0), position)
         if x > containment.reach:
             break
         x, y, z = rotate_back(matrix, (x, y, z))

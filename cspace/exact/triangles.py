@@ -60,9 +60,6 @@ MIN_SQUARED_LENGTH = 2.0**-600
 MAX_PENDING_PAIRS = 128
 """Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few."""
 
-MAX_PENDING_SPLITS = 64
-"""Capacity of the stack of nodes of a tree that is built; halving needs one per level, plus one."""
-
 PAIR_SHIFT = 32
 """Bits of a node index: a pair of nodes is one integer with the first node in its upper half."""
 
@@ -181,74 +178,46 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
 
 
 def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
-    """Build the boxes of a tree by halving along the longest side.
+    """Build the boxes of a tree by halving along the longest side, level by level.
 
     Returns the boxes, shape (m, 6), the order of the items in the tree, and the first item and number of items of each
     node, shape (m, 2).
     """
-    n = len(low)
-    boxes, order, spans = np.empty((max(2 * n - 1, 0), 6)), np.arange(n), np.empty((max(2 * n - 1, 0), 2), np.int64)
-    ranks, pending = np.empty((n, 3), np.int64), np.empty((MAX_PENDING_SPLITS, 3), np.int64)
-    fill_boxes(low, high, np.argsort(low + high, axis=0), (ranks, pending), boxes, order, spans)
+    number_of_nodes = max(2 * len(low) - 1, 0)
+    boxes, spans = np.empty((number_of_nodes, 6)), np.empty((number_of_nodes, 2), dtype=np.int64)
+    order, centers = np.arange(len(low)), low + high
+    # The nodes of a level: index, first item and number of items.
+    node, start, count = np.array([[0], [0], [len(low)]])[:, : len(low)]
+    while len(node):
+        lower = -_maxima_between(-low[order], start, start + count)
+        upper = _maxima_between(high[order], start, start + count)
+        boxes[node] = np.hstack([0.5 * (lower + upper), 0.5 * (upper - lower)])
+        spans[node] = np.column_stack([start, count])
+        axis = (upper - lower).argmax(axis=1)[count > 1]
+        node, start, count = node[count > 1], start[count > 1], count[count > 1]
+        # Sort the items of each node by their centers along its longest side.
+        owner = np.repeat(np.arange(len(node)), count)
+        places = np.arange(len(owner)) + (start - np.cumsum(count) + count)[owner]
+        items = order[places]
+        order[places] = items[np.lexsort((centers[items, axis[owner]], owner))]
+        half = count // 2
+        node = np.concatenate([node + 1, node + 2 * half])
+        start, count = np.concatenate([start, start + half]), np.concatenate([half, count - half])
     return boxes, order, spans
 
 
-@kernel
-def fill_boxes(
-    low: Floats, high: Floats, by_center: Ints, scratch: tuple[Ints, Ints], boxes: Floats, order: Ints, spans: Ints
-) -> None:
-    """Fill the arrays of :func:`build_boxes`.
-
-    ``by_center``, shape (n, 3), sorts the items by their centers along each axis; ``order`` has all items. The scratch
-    arrays have shapes (n, 3) and (MAX_PENDING_SPLITS, 3).
-    """
-    n, (ranks, pending) = len(low), scratch
-    for k in range(n):
-        for axis in range(3):
-            ranks[by_center[k, axis], axis] = k
-    pending[0, 0], pending[0, 1], pending[0, 2] = 0, 0, n
-    top = 1 if n else 0
-    while top > 0:
-        top -= 1
-        node, start, count = pending[top]
-        (lx, ly, lz), (ux, uy, uz) = row_at(low[order[start]], 0), row_at(high[order[start]], 0)
-        for k in range(start + 1, start + count):
-            (ax, ay, az), (bx, by, bz) = row_at(low[order[k]], 0), row_at(high[order[k]], 0)
-            lx, ly, lz, ux, uy, uz = min(lx, ax), min(ly, ay), min(lz, az), max(ux, bx), max(uy, by), max(uz, bz)
-        box, half = boxes[node], count // 2
-        box[0], box[1], box[2] = 0.5 * (lx + ux), 0.5 * (ly + uy), 0.5 * (lz + uz)
-        box[3], box[4], box[5] = 0.5 * (ux - lx), 0.5 * (uy - ly), 0.5 * (uz - lz)
-        spans[node, 0], spans[node, 1] = start, count
-        if count == 1:
-            continue
-        chosen = 0 if ux - lx >= max(uy - ly, uz - lz) else 1 if uy - ly >= uz - lz else 2
-        # Put the items of the first half in front (C. A. R. Hoare, "Algorithm 65: find", 1961).
-        first, last, target = start, start + count - 1, start + half
-        while first < last:
-            pivot, i, j = ranks[order[(first + last) // 2], chosen], first, last
-            while i <= j:
-                while ranks[order[i], chosen] < pivot:
-                    i += 1
-                while ranks[order[j], chosen] > pivot:
-                    j -= 1
-                if i <= j:
-                    order[i], order[j] = order[j], order[i]
-                    i, j = i + 1, j - 1
-            if target <= j:
-                last = j
-            elif target >= i:
-                first = i
-            else:
-                break
-        pending[top, 0], pending[top, 1], pending[top, 2] = node + 2 * half, start + half, count - half
-        pending[top + 1, 0], pending[top + 1, 1], pending[top + 1, 2] = node + 1, start, half
-        top += 2
+def _maxima_between(rows: Floats, starts: Ints, stops: Ints) -> Floats:
+    """Return the maxima of rows ``starts[i]`` to ``stops[i] - 1``, for each i."""
+    bounds = np.stack([starts, stops], axis=1).ravel()
+    padded = np.append(rows, rows[:1], axis=0)  # a stop may be the number of rows
+    return np.asarray(np.maximum.reduceat(padded, bounds)[::2])
 
 
 def node_maxima(values: Floats, spans: Ints) -> Floats:
     """Return the largest value among the items of each node."""
-    bounds = np.stack([spans[:, 0], spans[:, 0] + spans[:, 1]], axis=1).ravel()
-    return np.asarray(np.maximum.reduceat(np.append(values, 0.0), bounds)[::2]) if len(spans) else np.empty(0)
+    if not len(spans):
+        return np.empty(0)
+    return _maxima_between(values, spans[:, 0], spans.sum(axis=1))
 
 
 @kernel
@@ -262,9 +231,7 @@ def free_fraction(
     first entry the pair of triangles that set the last bound, because the same pair often sets the next one; -1 means
     none.
     """
-    best, last, top, spans = float(enough), -1, 1, trees.spans
-    center = half = (0.0, 0.0, 0.0)
-    drift = 0.0
+    best, top, spans = float(enough), 1, trees.spans
     for other in others:
         if other >= 0:
             scratch[top] = robot << PAIR_SHIFT | other
@@ -272,45 +239,42 @@ def free_fraction(
     if scratch[0] >= 0:
         scratch[top] = scratch[0]
         top += 1
-    while top > 1:
+    while top > 1 and best >= 0.0:
         top -= 1
         pair = scratch[top]
         a, b = pair >> PAIR_SHIFT, pair & NODE_MASK
-        if a != last:
-            box, last = trees.boxes[a], a
-            center, half = place_box(motion, box)
-            drift = box[6] * motion.angle + motion.drift
-        box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
-        # If the boxes stay apart along one axis, so do all their triangles.
-        apart = False
-        for k in range(3):
-            gap = abs(center[k] - box[k]) - half[k] - box[3 + k]
-            apart = apart or gap > best * (abs(motion.step[k]) + drift)
-        if apart:
+        box_a, box_b = trees.boxes[a], trees.boxes[b]
+        center, half = place_box(motion, box_a)
+        drift = box_a[6] * motion.angle + motion.drift
+        if boxes_stay_apart(center, half, box_b, motion.step, drift, best):
             continue
+        n, m = spans[a, 1], spans[b, 1]
         if n == 1 and m == 1:
-            fraction = pair_free_fraction(
-                trees.triangles[spans[a, 0]], trees.triangles[spans[b, 0]], motion, drift, best
-            )
+            p, q = trees.triangles[spans[a, 0]], trees.triangles[spans[b, 0]]
+            fraction = pair_free_fraction(p, q, motion, drift, best)
             if fraction < best:
                 best, scratch[0] = fraction, pair
-                if best < 0.0:
-                    break
-            continue
-        # Split the node with the larger box.
-        fixed = n == 1 or (m > 1 and box[3] + box[4] + box[5] > half[0] + half[1] + half[2])
-        count, shift = (m, 0) if fixed else (n, PAIR_SHIFT)
-        first, second = pair + (1 << shift), pair + (2 * (count // 2) << shift)
-        if fixed:
-            # Visit the nearer child first, because its bound may prune the other.
-            one, other, nearer = trees.boxes[first & NODE_MASK], trees.boxes[second & NODE_MASK], 0.0
-            for k in range(3):
-                nearer += (one[k] - other[k]) * (center[k] - 0.5 * (one[k] + other[k]))
-            if nearer < 0.0:
-                first, second = second, first
-        scratch[top], scratch[top + 1] = second, first
-        top += 2
+        elif n == 1 or (m > 1 and box_b[3] + box_b[4] + box_b[5] > half[0] + half[1] + half[2]):
+            # Split the node with the larger box.
+            scratch[top], scratch[top + 1] = pair + 2 * (m // 2), pair + 1
+            top += 2
+        else:
+            scratch[top], scratch[top + 1] = pair + (2 * (n // 2) << PAIR_SHIFT), pair + (1 << PAIR_SHIFT)
+            top += 2
     return best
+
+
+@kernel
+def boxes_stay_apart(center: Row, half: Row, box: Floats, step: Row, drift: float, fraction: float) -> bool:
+    """Return True if a moving box stays apart from a fixed one along one axis during a fraction of a motion.
+
+    The moving box has a center and half sides, and moves by ``step`` and by up to ``drift`` in any direction.
+    """
+    for k in range(3):
+        gap = abs(center[k] - box[k]) - half[k] - box[3 + k]
+        if gap > fraction * (abs(step[k]) + drift):
+            return True
+    return False
 
 
 @kernel

@@ -7,9 +7,9 @@ corners for each triangle.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +18,10 @@ from cspace.arrays import FREE, Floats, Ints
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
-from cspace.limits import check_memory
 from cspace.raster.bitmaps import boundary_mesh
-
-_BYTES_PER_SQUARE: Final = 160
-"""Bytes of memory per square of the boundary: its corners, its triangles, and its share of the vertices."""
 
 MAX_TRIANGLES: Final = 2**31 - 1
 """Maximum number of triangles that every format can count."""
-
-ROWS_PER_BLOCK: Final = 2**16
-"""Number of rows that are encoded at once."""
 
 
 def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
@@ -39,15 +32,13 @@ def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     Vertices are ``lower + spacing * index``, each only once. Every edge belongs to two triangles, or to four if FREE
     cells touch only in that edge.
 
-    Raises InputError if there is no FREE cell, or the boundary does not fit into memory.
+    Raises InputError if there is no FREE cell.
     """
-    free = np.pad(state == FREE, 1)
-    count = sum(int(np.count_nonzero(np.diff(free, axis=axis))) for axis in range(3))
-    if not count:
+    free = state == FREE
+    if not free.any():
         rule, hint = "a boundary needs at least one", "build it with a smaller spacing, robot or margin"
         raise InputError("the map", "has no FREE cell", rule, hint)
-    check_memory(_BYTES_PER_SQUARE * count, "the boundary of the free space", grid)
-    vertices, faces, turns = boundary_mesh(free[1:-1, 1:-1, 1:-1], grid.spacing, grid.lower)
+    vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
     return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
 
 
@@ -78,20 +69,17 @@ def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     file.write(header.encode())
-    for block in _iterate_blocks(vertices):
-        file.write(block.astype("<f8").tobytes())
-    for block in _iterate_blocks(faces):
-        rows = np.empty(len(block), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-        rows["count"], rows["corners"] = 3, block
-        file.write(rows.tobytes())
+    file.write(vertices.astype("<f8").tobytes())
+    rows = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    rows["count"], rows["corners"] = 3, faces
+    file.write(rows.tobytes())
 
 
 def _write_obj(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
-    # The repr of a float is the shortest text that reads back as the same float.
     """Write a mesh as OBJ."""
-    for start, table, form in ((0, vertices, "v %r %r %r\n"), (1, faces, "f %r %r %r\n")):
-        for block in _iterate_blocks(table):
-            file.write((form * len(block) % tuple((block + start).ravel().tolist())).encode())
+    # The repr of a float is the shortest text that reads back as the same float.
+    file.writelines(b"v %r %r %r\n" % tuple(vertex) for vertex in vertices.tolist())
+    file.writelines(b"f %d %d %d\n" % tuple(face) for face in (faces + 1).tolist())
 
 
 def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
@@ -100,25 +88,18 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     Raises InputError if single precision merges corners.
     """
     with np.errstate(over="ignore", under="ignore"):
-        single = vertices.astype("<f4")
-    file.write(b"binary STL, metres".ljust(80) + np.uint32(len(faces)).astype("<u4").tobytes())
+        corners = vertices.astype("<f4")[faces]
+    edges = np.diff(vertices[faces], axis=1)
+    if not np.isfinite(corners).all() or ((edges != 0.0) & (np.diff(corners, axis=1) == 0.0)).any():
+        problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
+        rule = "STL has single precision, in which some coordinates coincide"
+        raise InputError("path", problem, rule, "write .ply or .obj instead")
     scale = np.ptp(vertices, axis=0).max()
-    for block in _iterate_blocks(faces):
-        corners = single[block]
-        edges = np.diff(vertices[block], axis=1)
-        if not np.isfinite(corners).all() or ((edges != 0.0) & (np.diff(corners, axis=1) == 0.0)).any():
-            problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
-            rule = "STL has single precision, in which some coordinates coincide"
-            raise InputError("path", problem, rule, "write .ply or .obj instead")
-        normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
-        rows = np.zeros(len(block), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-        rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        rows["corners"] = corners
-        file.write(rows.tobytes())
-
-
-def _iterate_blocks(table: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    return (table[start : start + ROWS_PER_BLOCK] for start in range(0, len(table), ROWS_PER_BLOCK))
+    normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
+    rows = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    rows["corners"] = corners
+    file.write(b"binary STL, metres".ljust(80) + np.array(len(faces), dtype="<u4").tobytes() + rows.tobytes())
 
 
 WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {

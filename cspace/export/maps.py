@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -27,35 +27,19 @@ if TYPE_CHECKING:
     import xarray
 
 
-class _Layers(Mapping[str, NDArray[Any]]):
-    """Arrays of some rotation cells of a map.
+def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of some rotation cells of a map.
 
-    Each is read from its stack when accessed. The arrays of a single cell keep their names; otherwise the index of
-    the cell is appended.
+    The arrays of a single cell keep their names; otherwise the index of the cell is appended.
     """
-
-    def __init__(self, contents: Contents, cells: Sequence[int]) -> None:
-        self._arrays = arrays_of(contents)
-        last = "" if len(cells) == 1 else f"_{{:0{len(str(cells[-1]))}d}}"
-        self._places: dict[str, tuple[str, int | None]] = {}
-        for name in STACKED:
-            if name in self._arrays:
-                self._places |= {name + last.format(k): (name, int(contents.slice_of[k])) for k in cells}
-        self._places |= {name: (name, None) for name in ("outer", "inner", "unknown") if name in self._arrays}
-
-    def __getitem__(self, key: str) -> NDArray[Any]:
-        """Return an array of one rotation cell."""
-        name, number = self._places[key]
-        array: NDArray[Any] = self._arrays[name] if number is None else self._arrays[name][number]
-        return array
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over the names of the arrays."""
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        """Return the number of arrays."""
-        return len(self._places)
+    arrays = arrays_of(contents)
+    digits = len(str(cells[-1]))
+    layers: dict[str, NDArray[Any]] = {}
+    for name in filter(arrays.__contains__, STACKED):
+        for cell in cells:
+            label = name if len(cells) == 1 else f"{name}_{cell:0{digits}d}"
+            layers[label] = arrays[name][int(contents.slice_of[cell])]
+    return layers | {name: arrays[name] for name in ("outer", "inner", "unknown") if name in arrays}
 
 
 Write = Callable[[Contents, Sequence[int], StrPath, bool], None]
@@ -75,7 +59,7 @@ def _write_vti_cells(contents: Contents, cells: Sequence[int], path: StrPath, ov
     """Write the states at some rotation cells as VTI."""
     rotations = contents.rotations
     about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
-    write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)
+    write_vti(_select_layers(contents, cells), contents.grid, path, overwrite, about)
 
 
 def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
@@ -22,9 +22,6 @@ _VTK_TYPES: Final = {
     "float64": ("Float64", "<f8"),
 }
 """Name in VTK, and stored type, of each NumPy type."""
-
-_CELLS_PER_SLAB: Final = 2**24
-"""Number of cells that are transposed at once from [x, y, z] into VTK's order."""
 
 
 def write_vti(
@@ -54,8 +51,7 @@ def write_vti(
         for array in arrays.values():
             kind = np.dtype(_VTK_TYPES[str(array.dtype)][1])
             file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
-            for slab in _iterate_slabs(array, kind):
-                file.write(slab.data)
+            file.write(array.astype(kind).tobytes(order="F"))  # x is fastest in VTK
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")
 
 
@@ -87,16 +83,3 @@ def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[s
         f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{declared(arrays, False)}      </CellData>\n"
         '    </Piece>\n  </ImageData>\n  <AppendedData encoding="raw">\n   _'
     )
-
-
-def _iterate_slabs(array: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
-    """Yield an array in VTK's order, x fastest, in slabs."""
-    layers = array.reshape(array.shape[0], -1, array.shape[-1])
-    step = max(1, _CELLS_PER_SLAB * layers.shape[-1] // layers.size)
-    for start in range(0, layers.shape[-1], step):
-        part = layers[..., start : start + step]
-        turned = np.empty(part.shape[::-1], dtype=kind)
-        for j in range(part.shape[1]):
-            # Gather first, because transposing rows that lie far apart takes five times as long.
-            turned[:, j] = np.ascontiguousarray(part[:, j]).T
-        yield turned

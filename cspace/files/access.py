@@ -16,12 +16,12 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import Any, Final, TypeVar, overload
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.limits import SizeLimit, check_bytes
 
@@ -332,10 +332,6 @@ def iterate_header_lines(content: bytes) -> Iterator[tuple[str, int]]:
         at = after
 
 
-@overload
-def parse_numbers(tokens: Sequence[bytes], kind: type[int]) -> Ints: ...
-@overload
-def parse_numbers(tokens: Sequence[bytes], kind: type[float]) -> Floats: ...
 def parse_numbers(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
     """Parse tokens as numbers, shape (n,).
 

@@ -12,14 +12,13 @@ import os
 import threading
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats, copy_transposed
+from cspace.arrays import Bools, Floats
 from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.files.access import ContentError, check_file, decoding, is_count, read_bytes, read_text
@@ -33,9 +32,6 @@ IMAGE_FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 
 COLOUR_MODES: Final = ("P", "RGB", "RGBX", "RGBA", "RGBa", "LA", "La", "PA", "CMYK", "YCbCr", "HSV")
 CELL_MEANINGS: Final = ("occupied", "free")
-
-ROWS_PER_BAND: Final = 64
-"""Number of image rows that are converted together, so that they stay in the cache."""
 
 _BYTES_PER_PIXEL: Final = 12
 """Bytes of memory per pixel while a colour image is read."""
@@ -66,18 +62,9 @@ class Shades:
     opaque: Bools | bool
 
     def where(self, test: Callable[[Floats], Bools]) -> Bools:
-        """Return a mask of the pixels whose shade passes a test.
-
-        Shades go from 0 (black) to 1 (white). Comparing the levels with the ends of each passing range is much
-        quicker than indexing a table of all levels.
-        """
-        passes, passing = test(np.arange(self.white_level + 1) / float(self.white_level)), None
-        for first, stop in np.flatnonzero(np.diff(passes, prepend=False, append=False)).reshape(-1, 2).tolist():
-            chosen = self.levels >= first if first else self.levels < stop
-            if first and stop <= self.white_level:
-                chosen &= self.levels < stop
-            passing = chosen if passing is None else passing | chosen
-        return np.zeros(self.levels.shape, dtype=np.bool_) if passing is None else passing
+        """Return a mask of the pixels whose shade, from 0 (black) to 1 (white), passes a test."""
+        passes = test(np.arange(self.white_level + 1) / float(self.white_level))
+        return np.asarray(passes[self.levels])
 
     def among_opaque(self, pixels: Bools) -> Bools:
         """Return a mask without its transparent pixels."""
@@ -139,26 +126,16 @@ def _convert_image(image: Image) -> Shades:
 
     Raises an error if the meaning of its pixels is unknown.
     """
-    channels, most = _choose_channels(image)
-    levels = np.empty(image.size, dtype=np.uint8 if most == 255 else np.uint16)
-    opaque = np.empty(image.size, dtype=np.bool_) if channels == "RGBA" else None
-    for top in range(0, image.height, ROWS_PER_BAND):
-        # Rows from the top become columns from the far end. A band is small enough for the cache.
-        low, high = image.height - min(top + ROWS_PER_BAND, image.height), image.height - top
-        band = image.crop((0, top, image.width, image.height - low))
-        band = band if band.mode == channels else band.convert(channels)
-        if most == 3 * 255:
-            red, green, blue, *alpha = (np.asarray(channel)[::-1] for channel in band.split())
-            rows = np.add(red, green, dtype=np.uint16)
-            rows += blue
-            if opaque is not None:
-                copy_transposed(alpha[0] == 255, opaque[:, low:high])
-        else:
-            rows = np.asarray(band)[::-1]
-            if most == 65535 and (rows.min() < 0 or rows.max() > most):
-                raise _unknown_pixels(image)
-        copy_transposed(rows, levels[:, low:high])
-    return Shades(levels, most, True if opaque is None else opaque)
+    mode, white_level = _choose_channels(image)
+    pixels = np.asarray(image if image.mode == mode else image.convert(mode))
+    # Rows from the top become columns from the far end.
+    pixels = pixels[::-1].swapaxes(0, 1)
+    if white_level == 65535 and (pixels.min() < 0 or pixels.max() > white_level):
+        raise _unknown_pixels(image)
+    if pixels.ndim == 2:
+        return Shades(pixels.astype(np.uint16 if white_level > 255 else np.uint8), white_level, True)
+    opaque = np.ascontiguousarray(pixels[..., 3] == 255) if mode == "RGBA" else True
+    return Shades(pixels[..., :3].sum(axis=2, dtype=np.uint16), white_level, opaque)
 
 
 def _choose_channels(image: Image) -> tuple[str, int]:
@@ -182,7 +159,6 @@ def _unknown_pixels(image: Image) -> ContentError:
 
 PASSABLE_CHARACTERS: Final = ".GS"
 BLOCKED_CHARACTERS: Final = "@OTW"
-_VOXEL_CHARACTERS: Final = frozenset("0123456789 \t\n")
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE_CHARACTERS + BLOCKED_CHARACTERS)
 
 
@@ -233,40 +209,32 @@ def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:
     Raises FileError, naming the line, if the file is missing, declares too many voxels, or a line is malformed or
     names a voxel outside the map.
     """
-    first, _, body = read_text(path, "MovingAI voxel map").partition("\n")
+    lines = _read_lines(path, "MovingAI voxel map", memory=100.0)
     with decoding(path, "MovingAI voxel map"):
-        kind, *counts = first.split() or [""]
+        kind, *counts = lines[0].split() or [""]
         if kind != "voxel" or len(counts) != 3 or not all(is_count(count) and int(count) > 0 for count in counts):
-            raise _line_error(1, [first.rstrip()], "'voxel' and three whole numbers above zero")
-        shape = (int(counts[0]), int(counts[1]), int(counts[2]))
-        check_cells(path, shape)
-        blocked = np.zeros(shape, dtype=np.bool_)
-        if not body.strip():
-            return blocked
-        if _VOXEL_CHARACTERS.issuperset(body):
-            with suppress(ValueError):
-                voxels = np.loadtxt(io.StringIO(body), dtype=np.int64, comments=None, ndmin=2)
-                if voxels.shape[1] == 3 and (voxels < shape).all():
-                    blocked[tuple(voxels.T)] = True
-                    return blocked
-        raise _voxel_line_error(body, shape)
+            raise _line_error(1, lines, "'voxel' and three whole numbers above zero")
+        nx, ny, nz = map(int, counts)
+        check_cells(path, (nx, ny, nz))
+        voxels = []
+        for number, line in enumerate(lines[1:], start=2):
+            words = line.split()
+            if not words:
+                continue
+            if len(words) != 3 or not all(map(is_count, words)):
+                raise _line_error(number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
+            x, y, z = map(int, words)
+            if x >= nx or y >= ny or z >= nz:
+                raise _line_error(number, lines, f"a voxel inside {nx} x {ny} x {nz}, counted from 0")
+            voxels.append((x, y, z))
+    blocked = np.zeros((nx, ny, nz), dtype=np.bool_)
+    blocked[tuple(np.array(voxels, dtype=np.int64).reshape(-1, 3).T)] = True
+    return blocked
 
 
-def _voxel_line_error(body: str, shape: tuple[int, int, int]) -> ContentError:
-    """Return the error for the first wrong line of voxels."""
-    lines = ["", *(line.strip() for line in body.split("\n"))]
-    for number, line in enumerate(lines[1:], start=2):
-        tokens = line.split()
-        if tokens and not (len(tokens) == 3 and all(map(is_count, tokens))):
-            return _line_error(number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
-        if tokens and any(int(token) >= n for token, n in zip(tokens, shape, strict=True)):
-            return _line_error(number, lines, f"a voxel inside {' x '.join(map(str, shape))}, counted from 0")
-    return ContentError("cannot be read as lines of 'x y z'")
-
-
-def _read_lines(path: str | os.PathLike[str], kind: str) -> list[str]:
+def _read_lines(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> list[str]:
     """Return the lines of a text without trailing blank ones."""
-    return [line.rstrip() for line in read_text(path, kind).rstrip().split("\n")]
+    return [line.rstrip() for line in read_text(path, kind, memory).rstrip().split("\n")]
 
 
 def _line_error(number: int, lines: list[str], rule: str) -> ContentError:

@@ -1,6 +1,6 @@
 """Triangle surfaces from OBJ and PLY files.
 
-Unambiguous polygons are cut into triangles. trimesh reads the elements of PLY (Turk, 1994); this module
+Unambiguous polygons are cut into triangles. trimesh reads the elements of binary PLY (Turk, 1994); this module
 parses its header, for meshes and point clouds.
 """
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 import io
 import os
 import re
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -332,63 +331,63 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
     Raises FileError if the file is missing. Raises ContentError if it is malformed or truncated, holds another number
     of elements than declared, is binary with polygons of unequal size, or has surfaces of another kind.
     """
-    from trimesh.exchange.ply import load_ply
-
     content = read_bytes(path, PLY_KIND, memory=_MEMORY_PER_PLY_BYTE)
     header = _parse_ply_header(content)
-    faces: tuple[Ints, Ints] | None = None
-    if header.is_text:
-        content, faces = _check_elements(content, header)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
         raise ContentError("has vertices without x, y and z")
     names = [name for name, is_list in header.properties.get("face", []) if is_list and name in _CORNER_LISTS]
     if header.faces and len(names) != 1:
         raise ContentError(f"has faces without one list named {' or '.join(_CORNER_LISTS)}")
+    if header.is_text:
+        return _read_ply_text(content[header.end :], header)
     if not header.vertices:
         return np.empty((0, 3)), *_NO_FACES
-    with decoding(path, f"{PLY_KIND} with faces of equally many corners"), warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # numpy only warns of text that is not a number
+    from trimesh.exchange.ply import load_ply
+
+    with decoding(path, f"{PLY_KIND} with faces of equally many corners"):
         loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
         elements = loaded["metadata"]["_ply_raw"]
         vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
-        if faces is None:
-            faces = _read_corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
+        faces = _read_corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
     if len(vertices) != header.vertices or len(faces[1]) != header.faces:
         counts = f"{len(vertices)} and {len(faces[1])} were read"
         raise ContentError(f"declares {header.vertices} vertices and {header.faces} faces, and {counts}")
     return vertices.astype(np.float64), *faces
 
 
-def _check_elements(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Ints, Ints]]:
-    """Check each line of a text; return it without blank lines.
+def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
+    """Read the vertices and polygons of a text file; return as :func:`read_ply`.
 
-    Also returns the faces. trimesh counts blank lines as elements, skips excess lines and words, and applies the
-    first list's length to all.
+    trimesh counts blank lines as elements, skips excess lines and words, and applies the first list's length to all.
     """
-    rows = [tokens for line in content[header.end :].splitlines() if (tokens := line.split())]
+    rows = [tokens for line in text.splitlines() if (tokens := line.split())]
     if len(rows) != sum(header.counts.values()):
         raise ContentError(f"declares {sum(header.counts.values())} elements but has {len(rows)} lines of them")
+    elements = np.repeat(list(header.counts), list(header.counts.values()))
+    columns = [[name for name, _ in header.properties["vertex"]].index(axis) for axis in "xyz"]
+    points: list[bytes] = []
     corners: list[bytes] = []
     sizes: list[int] = []
-    first = 0
     try:
-        for element, count in header.counts.items():
-            properties = header.properties[element]
-            lists = any(is_list for _, is_list in properties)
-            for tokens in rows[first : first + count]:
-                at = 0 if lists else len(properties)
-                for name, is_list in properties if lists else ():
-                    if is_list and name in _CORNER_LISTS and element == "face":
-                        sizes.append(int(tokens[at]))
-                        corners += tokens[at + 1 : at + 1 + sizes[-1]]
-                    at += 1 + int(tokens[at]) if is_list else 1
-                if at != len(tokens):
-                    raise ContentError(f"has a {element} of {len(tokens)} words but declares {at}")
-            first += count
-        faces = parse_numbers(corners, int), np.array(sizes, dtype=np.int64)
+        for element, tokens in zip(elements.tolist(), rows, strict=True):
+            at = 0
+            for name, is_list in header.properties[element]:
+                if not is_list:
+                    at += 1
+                    continue
+                stop = at + 1 + int(tokens[at])
+                if element == "face" and name in _CORNER_LISTS:
+                    sizes.append(stop - at - 1)
+                    corners += tokens[at + 1 : stop]
+                at = stop
+            if at != len(tokens):
+                raise ContentError(f"has a {element} of {len(tokens)} words but declares {at}")
+            if element == "vertex":
+                points += [tokens[column] for column in columns]
+        vertices = parse_numbers(points, float).reshape(-1, 3)
+        return vertices, parse_numbers(corners, int), np.array(sizes, dtype=np.int64)
     except (IndexError, ValueError, OverflowError) as error:
         raise ContentError(f"has elements that are not as declared ({error})") from error
-    return content[: header.end] + b"\n".join(map(b" ".join, rows)), faces
 
 
 def _parse_ply_header(content: bytes) -> PlyHeader:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.arrays import Ints
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import decoding, read_text
 from cspace.files.plain import check_nesting, read_json
@@ -52,7 +51,14 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     if not shapes:
         hint = "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles"
         raise GeometryError("polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source)
-    _check_shapes([name for name, _ in named], np.cumsum([len(parts) for _, parts in named]), shapes)
+    lasts = np.cumsum([len(parts) for _, parts in named])
+
+    def name_part(number: int) -> str:
+        source = int(np.searchsorted(lasts, number, side="right"))
+        name, parts = named[source]
+        return name if len(parts) == 1 else f"{name}, part {number - int(lasts[source]) + len(parts)}"
+
+    check_shapes(shapes, name_part)
     return shapes
 
 
@@ -171,29 +177,28 @@ def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
     return list(parts)
 
 
-def _check_shapes(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
-    """Raise GeometryError for the first shape that breaks a rule."""
-    import shapely
+def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) -> None:
+    """Raise GeometryError for the first shape that is not finite, plane, valid and filled with points.
 
-    def name_of(which: np.integer) -> str:
-        source = int(np.searchsorted(lasts, which, side="right"))
-        first = int(lasts[source - 1]) if source else 0
-        return names[source] if lasts[source] - first == 1 else f"{names[source]}, part {which - first}"
+    ``name_of`` names the shape at an index in messages.
+    """
+    import shapely
 
     array = np.array(shapes, dtype=object)
     points, owners = shapely.get_coordinates(array, return_index=True)
     broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(broken):
-        x, y = points[broken[0]]
-        name = name_of(owners[broken[0]])
+        (x, y), which = points[broken[0]], int(owners[broken[0]])
         rule, hint = "NaN and infinities are refused", "drop or replace it"
-        raise GeometryError(name, f"has a vertex at ({x}, {y})", rule, hint, value=shapes[owners[broken[0]]])
-    for which in np.flatnonzero(shapely.is_empty(array)):
-        rule, hint = "an obstacle must cover some ground", "remove it or fill it"
-        raise GeometryError(name_of(which), "is empty", rule, hint, value=shapes[which])
-    for which in np.flatnonzero(shapely.has_z(array)):
-        rule, hint = "obstacles in the plane have two", "drop them with shapely.force_2d if height does not matter"
-        raise GeometryError(name_of(which), "has z coordinates", rule, hint, value=shapes[which])
-    for which in np.flatnonzero(~shapely.is_valid(array)):
+        raise GeometryError(name_of(which), f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which])
+    flat = "drop them with shapely.force_2d if height does not matter"
+    rules = (
+        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it or fill it"),
+        (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
+    )
+    for refused, problem, rule, hint in rules:
+        for which in np.flatnonzero(refused).tolist():
+            raise GeometryError(name_of(which), problem, rule, hint, value=shapes[which])
+    for which in np.flatnonzero(~shapely.is_valid(array)).tolist():
         problem, hint = f"is not valid: {shapely.is_valid_reason(array[which])}", "redraw it, or try shapely.make_valid"
         raise GeometryError(name_of(which), problem, "a boundary may not cross itself", hint, value=shapes[which])

@@ -126,20 +126,6 @@ class Buckets(NamedTuple):
         order = np.argsort(bucket, kind="stable")
         return cls(low, scale, np.full(2, count), starts, owner[order])
 
-    def near(self, lower: Floats, upper: Floats) -> Ints:
-        """List all triangles that meet a box, and some near it.
-
-        Returns ascending indices.
-        """
-        corners = np.floor((np.stack([lower, upper])[:, :2] - self.low) * self.scale)
-        first, last = np.clip(corners, 0, self.shape - 1).astype(np.int64)
-        chosen = np.zeros(int(self.entries.max()) + 1, dtype=np.bool_)
-        for row in range(first[0], last[0] + 1):
-            begin = self.starts[row * self.shape[1] + first[1]]
-            end = self.starts[row * self.shape[1] + last[1] + 1]
-            chosen[self.entries[begin:end]] = True
-        return np.flatnonzero(chosen)
-
 
 class WindingNumber:
     """Winding number of closed surfaces at any point.

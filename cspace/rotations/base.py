@@ -447,13 +447,6 @@ class Rotations(ABC):
             If ``dim`` is one.
         """
 
-    def argument_for_fewer(self, share: float) -> str:
-        """Return the argument for fewer cells, for messages.
-
-        It gives at most the fraction ``share`` of the cells.
-        """
-        return ""
-
     def make_finer(self) -> tuple[str, Rotations] | None:
         """Return cells of half the width and their argument, or None."""
         return None

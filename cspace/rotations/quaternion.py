@@ -212,14 +212,6 @@ class QuaternionRotations(Rotations):
         """
         return shape.is_round
 
-    def argument_for_fewer(self, share: float) -> str:
-        """Return the argument for fewer cells, for messages.
-
-        It gives at most the fraction ``share`` of the cells.
-        """
-        n = int((share * len(self) / 4.0) ** (1.0 / 3.0) + 1e-9)
-        return f"rotations=Rotations.quaternions({n})" if n else ""
-
     def make_finer(self) -> tuple[str, Rotations] | None:
         """Return eight times as many cells and their argument, or None."""
         n = 2 * self.n

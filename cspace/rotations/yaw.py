@@ -186,10 +186,6 @@ class YawRotations(Rotations):
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def argument_for_fewer(self, clip_parameters: float) -> str:
-        """Return the argument for at most a fraction of the cells."""
-        return f"rotations={int(clip_parameters * len(self))}" if clip_parameters * len(self) >= 1 else ""
-
     def make_finer(self) -> tuple[str, Rotations] | None:
         """Return twice as many cells, of one width, and their argument, or None."""
         count = 2 * len(self)

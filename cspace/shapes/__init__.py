@@ -101,29 +101,40 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return _shape_of_text(source, name)
     if isinstance(getattr(source, "name", None), str) and isinstance(shape := getattr(source, "shape", None), Shape):
         return shape
-    if getattr(source, "dtype", None) == np.bool_:
-        hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError(name, "is an array of cells", "their size must be given", hint, value=source)
-    several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
-    first = next(iter(given), {}) if several else given
-    if isinstance(first, shapely.Geometry | Mapping):
+    if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0):
+        return _shape_of_sequence(given, name)
+    if isinstance(given, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
-    if several:
-        row = np.shape(first)
-        is_point, has_corners = row == () and len(given) in (2, 3), row == (2,) and len(given) > 2
-        if has_corners:
-            try:
-                return Polygons.of(given)
-            except GeometryError as error:
-                hint = f"{error.hint}; for points, pass their radius"
-                raise GeometryError(error.argument, error.problem, error.rule, hint, value=source) from error
-        if is_point or row in ((2,), (3,)):
-            corners = ", or at least 3 corners of a polygon" * (row == (2,) or len(given) == 2)
-            hint = f"pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone{corners}"
-            raise InputError(name, "is points", "points need a radius", hint, value=source)
-    elif not any(hasattr(given, attribute) for attribute in ("vertices", "geometry")):
+    if not any(hasattr(given, attribute) for attribute in ("vertices", "geometry")):
         hint = "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their radius"
         raise InputError(name, f"is a {type(given).__name__}", "a polygon or a mesh is needed", hint, value=source)
+    return _mesh(given)
+
+
+def _shape_of_sequence(given: Any, name: str) -> Shape:
+    """Make the shape of a list or array: geometries, corners of a polygon, or vertices and faces."""
+    import shapely
+
+    from cspace.files.vector import read_shapes
+
+    if getattr(given, "dtype", None) == np.bool_:
+        hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
+        raise InputError(name, "is an array of cells", "their size must be given", hint, value=given)
+    first: Any = next(iter(given), {})
+    if isinstance(first, shapely.Geometry | Mapping):
+        return Polygons(read_shapes(given))
+    row = np.shape(first)
+    if row == (2,) and len(given) > 2:
+        try:
+            return Polygons.of(given)
+        except GeometryError as error:
+            hint = f"{error.hint}; for points, pass their radius"
+            raise GeometryError(error.argument, error.problem, error.rule, hint, value=given) from error
+    if row in ((2,), (3,)) or (row == () and len(given) in (2, 3)):
+        hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
+        if row == (2,) or len(given) == 2:
+            hint += ", or at least 3 corners of a polygon"
+        raise InputError(name, "is points", "points need a radius", hint, value=given)
     return _mesh(given)
 
 

@@ -69,7 +69,7 @@ class Balls(ExactShape):
         return ("disc", "ball")[self.dim - 2]
 
     @property
-    def encloses(self) -> bool:  # type: ignore[override]
+    def encloses(self) -> bool:
         """True if a ball has a positive radius."""
         return bool((self.radii > 0.0).any())
 
@@ -126,13 +126,8 @@ class Balls(ExactShape):
 
         array = check_points(points, "points", self.dim)
         inside = np.zeros(array.shape[:-1], dtype=np.bool_)
-        different, which = np.unique(self.radii, return_inverse=True)
-        if len(different) <= 8:
-            for number, radius in enumerate(different.tolist()):
-                inside |= cKDTree(self.centers[which == number]).query(array)[0] <= radius
-            return inside
-        for center, radius in zip(self.centers, self.radii.tolist(), strict=True):
-            inside |= ((array - center) ** 2).sum(axis=-1) <= radius * radius
+        for radius in np.unique(self.radii):
+            inside |= cKDTree(self.centers[self.radii == radius]).query(array)[0] <= radius
         return inside
 
     def boundary(self) -> RoundedSimplices:

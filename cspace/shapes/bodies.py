@@ -86,21 +86,16 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
 
 
 def component_labels(first: Ints, second: Ints, count: int) -> Ints:
-    """Label the connected components of a graph.
+    """Label the connected components of a graph, in the order of their first vertices.
 
-    The graph has `count` vertices, and edges from `first[i]` to `second[i]`. A vertex's label is the smallest vertex of
-    its component. Returns shape (count,). SciPy's function is as fast, but importing it takes 0.2 s and 20 MB.
+    The graph has `count` vertices, and edges from `first[i]` to `second[i]`. Returns shape (count,).
     """
-    labels = np.arange(count)
-    while len(first):
-        label_a, label_b = labels[first], labels[second]
-        apart = label_a != label_b
-        first, second, label_a, label_b = first[apart], second[apart], label_a[apart], label_b[apart]
-        np.minimum.at(labels, np.maximum(label_a, label_b), np.minimum(label_a, label_b))
-        # Each vertex now points to a smaller one of its component; follow the pointers to the smallest.
-        while (labels != (next_labels := labels[labels])).any():
-            labels = next_labels
-    return labels
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(count, count))
+    labels = connected_components(graph, directed=False)[1]
+    return np.asarray(labels, dtype=np.int64)
 
 
 def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Body]:
@@ -163,28 +158,20 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
     outward, inward = volume > 0.0, volume < 0.0
     if not inward.any():
         return bodies
-    face_indices = np.concatenate([body.faces for body in bodies])
     multiplicity = np.concatenate([body.turns for body in bodies])
     owner = np.repeat(np.arange(len(bodies)), [len(body.faces) for body in bodies])
-    triangles = vertices[faces[face_indices]]
-    starts = np.flatnonzero(np.diff(owner, prepend=-1))
-    lows = np.minimum.reduceat(triangles.min(axis=1), starts)
-    highs = np.maximum.reduceat(triangles.max(axis=1), starts)
-    outward_lows, outward_highs = lows[outward], highs[outward]
-    cavity = np.zeros(len(bodies), dtype=np.bool_)
-    for index in np.flatnonzero(inward).tolist():
-        cavity[index] = ((outward_lows < lows[index]).all(axis=1) & (highs[index] < outward_highs).all(axis=1)).any()
-    # A body whose box lies in an outward body's box may be a cavity. The winding number of the outward bodies around
-    # its corners decides.
-    if cavity.any():
+    triangles = vertices[faces[np.concatenate([body.faces for body in bodies])]]
+    is_reversed = inward.copy()
+    if outward.any():
+        # The winding number of the outward bodies around the corners of an inward body decides.
         from cspace.raster.surfaces import WindingNumber
 
-        around, within = outward[owner] & (multiplicity != 0), np.flatnonzero(cavity[owner])
+        around, within = outward[owner] & (multiplicity != 0), np.flatnonzero(inward[owner])
         center = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - center).reshape(-1, 3)
         is_outside = WindingNumber(triangles[around] - center, multiplicity[around]).evaluate(corners) <= 0
-        cavity[np.repeat(owner[within], 3)[is_outside]] = False
-    is_reversed = inward & ~cavity
+        is_reversed = np.zeros(len(bodies), dtype=np.bool_)
+        is_reversed[np.repeat(owner[within], 3)[is_outside]] = True
     return [
         body._replace(turns=-body.turns, volume=-body.volume) if is_reversed[index] else body
         for index, body in enumerate(bodies)

@@ -26,7 +26,7 @@ from cspace.shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shap
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.raster.surfaces import Buckets, SolidSurface, WindingNumber
+    from cspace.raster.surfaces import SolidSurface, WindingNumber
 
 
 MAX_ORIGIN_OFFSET: Final = 100.0
@@ -55,9 +55,6 @@ class MeshScene(Protocol):
         """Geometries by name."""
         ...
 
-
-MAX_INDEXED_AREA: Final = 0.25
-"""Use an index of triangles if a grid covers at most this share of the mesh, seen from above."""
 
 Solid = Literal["auto", "surface", "fill"]
 MeshLike: TypeAlias = "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
@@ -249,7 +246,7 @@ class Mesh(ExactShape):
         }
 
     @property
-    def encloses(self) -> bool:  # type: ignore[override]
+    def encloses(self) -> bool:
         """True if closed bodies are solid, at any spacing."""
         return self.solid == "auto" and bool(self._turns.any())
 
@@ -276,36 +273,27 @@ class Mesh(ExactShape):
         return surface_cells(self._solid_surface(*self._near(grid)), self.bounds, grid)
 
     def _near(self, grid: Grid) -> tuple[FaceSelection, FaceSelection]:
-        """Return the triangles that can touch a grid.
-
-        Also returns those in, above or below it.
-        """
-        lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
-        shared = np.maximum(np.minimum(upper, self.bounds[1]) - np.maximum(lower, self.bounds[0]), 0.0)
-        whole = self.bounds[1] - self.bounds[0]
-        if self.solid == "fill" or shared[0] * shared[1] > MAX_INDEXED_AREA * whole[0] * whole[1]:
+        """Return the triangles that can touch a grid, and those in, above or below it."""
+        if self.solid == "fill":
             return slice(None), slice(None)
-        numbers = self._index.near(lower, upper)
-        corners = self.vertices[self.faces[numbers]]
-        meets = (corners.min(axis=1) <= upper).all(axis=1) & (corners.max(axis=1) >= lower).all(axis=1)
-        return numbers[meets], numbers
-
-    @cached_property
-    def _index(self) -> Buckets:
-        from cspace.raster.surfaces import Buckets
-
-        return Buckets.of(self.triangles)
+        corners = self.triangles
+        lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
+        meets = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
+        return np.flatnonzero(meets.all(axis=1)), np.flatnonzero(meets[:, :2].all(axis=1))
 
     def boundary(self) -> RoundedSimplices:
         """Return the triangles.
 
         Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
         """
+        self._refuse_fill("close the mesh and pass solid='auto', or ask without exact=True")
+        return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
+
+    def _refuse_fill(self, hint: str) -> None:
+        """Raise InputError if the inside depends on the spacing, because exact answers must not."""
         if self.solid == "fill":
             rule = "the filled part depends on the spacing, and exact answers must not"
-            hint = "close the mesh and pass solid='auto', or ask without exact=True"
             raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
-        return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
     @property
     def surface(self) -> Surface:
@@ -399,9 +387,7 @@ class Mesh(ExactShape):
         InputError
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
-        if self.solid == "fill":
-            rule, hint = "the filled part depends on the spacing", "ask its cells, or pass solid='auto'"
-            raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
+        self._refuse_fill("ask its cells, or pass solid='auto'")
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
@@ -455,15 +441,6 @@ class Mesh(ExactShape):
 
         counted = np.flatnonzero(self._turns)
         return WindingNumber(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])
-
-    @property
-    def closed(self) -> tuple[Floats, Ints]:
-        """Enclosing triangles, shape (n, 3, 3), and their multiplicities.
-
-        Triangles are in metres; the multiplicities are for winding numbers.
-        """
-        counted = np.flatnonzero(self._turns)
-        return self.vertices[self.faces[counted]], self._turns[counted]
 
     def _solid_surface(self, near: FaceSelection = slice(None), columns: FaceSelection = slice(None)) -> SolidSurface:
         """Return selected triangles as a surface with its solid.

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Bools, Floats
 from cspace.check import check_finite, check_points
 from cspace.errors import GeometryError
+from cspace.files.vector import check_shapes
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.raster.bitmaps import point_segments, ring_segments
@@ -70,18 +71,15 @@ class Polygons(ExactShape):
                 raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint, value=shape)
             given = [shapely.Polygon(vertices)]
         parts = [part for whole in given for part in shapely.get_parts(whole)]
-        if not parts or any(part.is_empty for part in parts):
+        if not parts:
             hint = "pass at least three vertices"
             raise GeometryError("polygon", "is empty", "it must have an area", hint, value=shape)
-        for number, part in enumerate(parts):
-            name = "polygon" if len(parts) == 1 else f"polygon[{number}]"
+        names = ["polygon"] if len(parts) == 1 else [f"polygon[{number}]" for number in range(len(parts))]
+        check_shapes(parts, names.__getitem__)
+        for name, part in zip(names, parts, strict=True):
             if part.geom_type != "Polygon":
                 problem, rule = f"is a {part.geom_type}", "each part must be a Polygon"
                 raise GeometryError(name, problem, rule, "remove other parts", value=part)
-            check_finite(shapely.get_coordinates(part), name)
-            if not part.is_valid:
-                rule, hint = "rings must not cross themselves or each other", "correct it, e.g. with shapely.make_valid"
-                raise GeometryError(name, f"is not simple: {shapely.is_valid_reason(part)}", rule, hint, value=part)
             if not part.area > 0.0:
                 problem = f"has area {part.area:g}"
                 raise GeometryError(name, problem, "it must be above zero", "pass its whole boundary", value=part)
@@ -97,7 +95,7 @@ class Polygons(ExactShape):
         return list(_iterate_parts(self.geometries))
 
     @property
-    def encloses(self) -> bool:  # type: ignore[override]
+    def encloses(self) -> bool:
         """True if a part is a polygon."""
         return any(filled for _, filled in self.parts)
 

@@ -216,14 +216,16 @@ class ExactShape(Shape):
 
     Attributes
     ----------
-    encloses : bool
-        True if the shape has an interior.
     is_boxes : bool
         True for a union of boxes along the axes in space.
     """
 
-    encloses: bool = True
     is_boxes: bool = False
+
+    @property
+    def encloses(self) -> bool:
+        """True if the shape has an interior."""
+        return True
 
     @property
     def outer(self) -> ExactShape:

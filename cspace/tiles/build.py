@@ -83,8 +83,7 @@ def build_tiles(
     slices = len(frame.states)
     sides = resolve_tile(tile, grid.shape, slices)
     rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
-    fewer = frame.rotations.argument_for_fewer
-    check_memory(rasters, "the map", grid, fewer=fewer, slices=slices, rasters=rasters)
+    check_memory(rasters, "the map", grid, slices=slices)
     about = {
         "shape": grid.shape,
         "side": sides,

@@ -232,12 +232,10 @@ def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyP
     assert printed["cells"]["total"] == 10**21
     assert printed["memory"]["fits"] is False
     assert "use a spacing of at least" in printed["memory"]["problem"]
-    assert " days of one core" in printed["memory"]["problem"]
     printed = document("info", "cube.obj", "--spacing", 0.002, "--rotations", "quaternions:16")
-    assert "use --rotations quaternions:" in printed["memory"]["problem"]
+    assert "fewer rotations" in printed["memory"]["problem"]
     printed = document("info", "wall.wkt", "--spacing", 2e-6, "--rotations", 72)["memory"]
     assert f"needs about {bytes_text(printed['needed_bytes'])}" in printed["problem"]
-    assert "--rotations" not in printed["problem"]  # the workspace itself is too large
     # The build refuses the same map.
     result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

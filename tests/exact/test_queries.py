@@ -2,7 +2,6 @@
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import trimesh
 import cspace
 from cspace import MIXED, InputError, Robot, Rotations, Workspace
 from cspace.map.contents import Contents
-from cspace.shapes import Polygons
 from tests.handmade import configurations
 from tests.placements import draw_near_mixed
 
@@ -81,15 +79,6 @@ def test_containment_does_not_depend_on_the_batch_size(make, monkeypatch):
     free = space.is_free(q, exact=True)
     monkeypatch.setattr("cspace.exact.proofs.ANCHORS_PER_BATCH", 0)
     np.testing.assert_array_equal(other.is_free(q, exact=True), free)
-
-
-def test_containment_stops_at_the_first_body(monkeypatch):
-    asked, contains = [], Polygons.contains
-    monkeypatch.setattr(Polygons, "contains", lambda body, points: asked.append(body) or contains(body, points))
-    workspace = Workspace.from_polygons([shapely.box(1.6, 1.6, 3.4, 3.4)], spacing=1.0, bounds=(0.0, 0.0, 5.0, 5.0))
-    space = cspace.build(replace(workspace, shapes=2 * workspace.shapes), Robot.rectangle(0.1, 0.1))
-    assert not space.is_free((1.8, 1.8), exact=True) and len(asked) == 1
-    assert space.is_free((1.2, 1.2), exact=True) and len(asked) == 3
 
 
 def test_decided_cells_need_no_geometry(make, monkeypatch):

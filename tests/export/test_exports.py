@@ -23,7 +23,6 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.export import boundaries as writing
-from cspace.export import vti
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
 from tests.maps import MAP_BUILDERS
@@ -152,20 +151,14 @@ def test_an_stl_far_from_the_origin_is_closed(far: float) -> None:
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_block_size_does_not_matter_and_too_many_triangles_are_refused(
-    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_triangles_are_refused(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
-    written = []
-    for rows in (writing.ROWS_PER_BLOCK, 1, 7):
-        monkeypatch.setattr(writing, "ROWS_PER_BLOCK", rows)
-        writing.write_boundary(state, grid, tmp_path / f"free{suffix}", overwrite=True)
-        written.append((tmp_path / f"free{suffix}").read_bytes())
-    assert written[0] == written[1] == written[2]
+    writing.write_boundary(state, grid, tmp_path / f"free{suffix}")
+    written = (tmp_path / f"free{suffix}").read_bytes()
     monkeypatch.setattr(writing, "MAX_TRIANGLES", 11)
     with pytest.raises(InputError, match=r"64 triangles; .* at most 11"):
         writing.write_boundary(state, grid, tmp_path / f"free{suffix}", overwrite=True)
-    assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
+    assert (tmp_path / f"free{suffix}").read_bytes() == written
 
 
 def build_full_map() -> cspace.CSpace:
@@ -190,15 +183,6 @@ def test_export_refuses_unsuitable_maps(
 ) -> None:
     with pytest.raises(InputError, match=message):
         make().export(tmp_path / f"map{suffix}", rotation=rotation)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_boundary_larger_than_memory_is_refused(
-    tmp_path: Path, ball: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
-    with pytest.raises(InputError, match=r"the boundary of the free space .* of memory; at most"):
-        ball.export(tmp_path / "free.stl")
     assert not list(tmp_path.iterdir())
 
 
@@ -232,8 +216,7 @@ def test_vtk_reads_written_arrays_back(data: st.DataObject) -> None:
         "outer": data.draw(hnp.arrays(bool, shape)),
         "overlap_counts": data.draw(hnp.arrays(np.int32, shape)),
     }
-    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(vti, "_CELLS_PER_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
+    with TemporaryDirectory() as folder:
         path = Path(folder) / "map.vti"
         write_vti(arrays, grid, path)
         image, arrays_read = read(path)

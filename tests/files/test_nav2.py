@@ -92,7 +92,7 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
     ("{robot_radius: 0.2, footprint_padding: [1]}", InputError, "footprint_padding is"),
     ('{footprint: "[[1, 1], [2, 2]]"}', GeometryError, "local_costmap: footprint is .* three points"),
     ('{footprint: "[[1, 1], [2"}', GeometryError, "three points"),
-    ('{footprint: "[[0, 0], [1, 1], [1, 0], [0, 1]]"}', GeometryError, "is not simple"),
+    ('{footprint: "[[0, 0], [1, 1], [1, 0], [0, 1]]"}', GeometryError, "is not valid"),
     ("{footprint: {x: 1}}", GeometryError, "three points"),
 )
 def test_bad_parameters_are_named(tmp_path, table, error, message):

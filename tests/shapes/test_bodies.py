@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
-from cspace.shapes.bodies import component_labels, find_bodies
+from cspace.shapes.bodies import find_bodies
 from tests.mesh_files import join_meshes, make_box
 from tests.oracles import winding_numbers
 from tests.strategies import seeds
@@ -336,23 +336,3 @@ def test_crossing_bars_of_opposite_orientation_are_solid_together():
         vertices, faces = join_meshes(make_box((-3, -1, -1), (3, 1, 1)), make_box((-1, -3, -1), (1, 3, 1), inward=True))
         points = np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)]) @ turn.T
         assert Mesh.of((vertices @ turn.T, faces)).contains(points).tolist() == [True, True, True, False]
-
-
-@pytest.mark.parametrize(("number", "pairs"), [(0, 0), (5, 0), (60, 40), (60, 400), (3000, 2990)])
-def test_component_labels_agree_with_a_graph_search(number, pairs):
-    first, second = np.random.default_rng(pairs).integers(max(number, 1), size=(2, pairs))
-    if pairs > number / 2 > 1000:  # a chain in random order
-        first, second = np.random.default_rng(1).permutation(number)[[np.arange(pairs), np.arange(1, pairs + 1)]]
-    near = [[] for _ in range(number)]
-    for a, b in zip(first.tolist(), second.tolist(), strict=True):
-        near[a].append(b)
-        near[b].append(a)
-    labels = [-1] * number
-    for start in range(number):
-        waiting = [start] if labels[start] < 0 else []
-        while waiting:
-            node = waiting.pop()
-            if labels[node] < 0:
-                labels[node] = start
-                waiting += near[node]
-    assert component_labels(first, second, number).tolist() == labels

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.raster.surfaces import Buckets
 from tests.laws.any_map import CAR, CRATE
 from tests.tiles.test_build import check_states, random_workspace
 
@@ -35,16 +34,8 @@ def lazy_arrays(cells, folder):
         "zarr": stored,
         "dask": lazily,
         "xarray": xarray.DataArray(lazily, dims=("x", "y")),
-        "h5py": in_hdf5(cells, folder / "a.h5"),
         "rioxarray": in_geotiff(cells, folder / "a.tif"),
     }
-
-
-def in_hdf5(cells, path):
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
-        file.create_dataset("site/occupied", data=cells, chunks=(10, 10), compression="gzip")
-    return h5py.File(path, "r")["site/occupied"]
 
 
 def in_geotiff(cells, path):
@@ -129,24 +120,17 @@ def test_aligned_shapes_give_the_same_cells_in_every_tile(seed, spacing, tile, t
 
 def lazy_pairs(cells, folder):
     """Return two arrays of one shape, such as two floors of one file, for every kind of lazy array."""
-    h5py, da, xarray = (pytest.importorskip(name) for name in ("h5py", "dask.array", "xarray"))
+    da, xarray = (pytest.importorskip(name) for name in ("dask.array", "xarray"))
     np.save(folder / "a.npy", cells)
     mapped = np.load(folder / "a.npy", mmap_mode="r")
-    with h5py.File(folder / "a.h5", "w") as file:
-        file["one"], file["two"] = cells
-    file = h5py.File(folder / "a.h5", "r")
     group = zarr.open_group(folder / "a.zarr", mode="w")
-    xarray.DataArray(cells.astype(np.int8), dims=("floor", "x", "y"), name="a").to_netcdf(folder / "a.nc")
-    floors = xarray.open_dataset(folder / "a.nc", cache=False)["a"]
     stores = [zarr.storage.MemoryStore() for _ in cells]
     return {
         "memmap": (mapped[0], mapped[1]),
         "memmap transposed": (mapped[0].T, mapped[0]),
         "memmap in memory": (mapped[0].copy(), mapped[1].copy()),
-        "h5py": (file["one"], file["two"]),
         "dask": tuple(da.from_array(part, chunks=8) for part in cells),
         "xarray of dask": tuple(xarray.DataArray(da.from_array(part, chunks=8), dims=("x", "y")) for part in cells),
-        "xarray of a file": (floors[0], floors[1]),
         "xarray of a memmap": tuple(xarray.DataArray(mapped[k], dims=("x", "y")) for k in (0, 1)),
         "zarr": tuple(group.create_array(f"{k}", data=cells[k], config=WRITE_EMPTY_CHUNKS) for k in (0, 1)),
         "zarr in memory": tuple(
@@ -235,15 +219,3 @@ def test_parts_of_a_source_equal_the_whole(make):
         )
         for part, cells in zip(workspace.cells.read(box), whole, strict=True):
             np.testing.assert_array_equal(part, cells[box])
-
-
-def test_index_finds_all_triangles_near_a_box_and_few_others():
-    rng = np.random.default_rng(1)
-    triangles = rng.uniform(0, 50, (3000, 1, 3)) + rng.normal(size=(3000, 3, 3)) * rng.choice([0.1, 5.0], (3000, 1, 1))
-    index = Buckets.of(triangles)
-    low, high = triangles.min(axis=1), triangles.max(axis=1)
-    for corner in rng.uniform(-5, 50, (50, 3)):
-        meets = ((low <= corner + 4.0) & (high >= corner)).all(axis=1)
-        near = index.near(corner, corner + 4.0)
-        assert set(np.flatnonzero(meets)) <= set(near)
-        assert len(near) < 600
