@@ -48,7 +48,7 @@ CAR_GREED: Final = 1.5
 UNREACHED_CELLS: Final = 400.0
 """Cells added to the cost of the start, as the estimated cost of states that the first search did not reach."""
 
-MARGIN_CELLS: Final = (4.0, 60.0)
+MARGIN_CELLS: Final = (0.0, 40.0)
 """Cells of cost by which the first search goes on past the start: for robots that turn on the spot, and for cars."""
 
 INITIAL_QUEUE_LENGTH: Final = 2**14
@@ -101,6 +101,7 @@ class Motions(NamedTuple):
     """The m motions of a robot at each of h headings. Costs are in metres."""
 
     headings: Floats  # (h,), yaws, radians
+    nearest: Ints  # (h,), the nearest heading of the guide
     next_heading: Ints  # (h, m), the heading after each motion
     offsets: Floats  # (h, m, 2), the displacement along each motion
     costs: Floats  # (h, m)
@@ -127,24 +128,14 @@ class Ground(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """Result of the first search; costs are in cells."""
+    """Costs to the goal, from cells and headings, which the first search finds."""
 
-    headings: Floats  # (h,), yaws
-    costs: NDArray[np.float32]  # (h, nx, ny), with the cells of Ground
-    reached: Ints  # (h, nx, ny), 0 for states that were not reached
-    unreached: float  # metres added to the straight distance of states not reached
-    reaches_start: bool
-
-
-class Table(NamedTuple):
-    """The guide, for the headings of the second search."""
-
-    costs: NDArray[np.float32]
-    reached: Ints
-    nearest: Ints  # the nearest heading of the guide
-    unreached: float
-    spacing: float
     goal: Pose
+    headings: Floats  # (h,), yaws
+    costs: NDArray[np.float32]  # (h, nx, ny), in cells, with the cells of Ground
+    reached: Ints  # (h, nx, ny), 0 for states that were not reached
+    spacing: float  # of the cells
+    unreached: float  # metres added to the straight distance of states not reached
 
 
 class Nodes(NamedTuple):
@@ -174,11 +165,11 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, s
     path, note, until = np.empty((0, 3)), "", clock() + seconds
     is_car = edges.turning_radius is not None
     try:
-        guide = _measure_guide(edges, endpoints, until)
-        if not is_car and not guide.reaches_start:
+        guide, reaches_start = _measure_guide(edges, endpoints, until)
+        if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
-            motions = _car_motions(edges, start, level) if is_car else _spot_motions(edges, endpoints)
+            motions = _car_motions(edges, start, level, guide) if is_car else _spot_motions(edges, endpoints)
             path, reason = _search(edges, motions, guide, endpoints, MAX_NODES[level], until)
             if len(path):
                 break
@@ -209,8 +200,8 @@ def _list_drives(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
     return all_yaws[order], np.concatenate([steps, steps[nearest]])[order], order >= len(yaws)
 
 
-def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> Guide:
-    """Compute the cost to the goal from cells and headings.
+def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
+    """Compute the cost to the goal from cells and headings; also return whether the start is reached.
 
     The search also goes on past the start, by a margin. Raises TimeoutError after ``until``.
     """
@@ -246,8 +237,9 @@ def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> Gui
     reaches_start = bool(progress.previous[start])
     # On the spot, the guide reaches all states that may lie on the path; cars may pass between them.
     unreached = math.inf if reaches_start and not is_car else (progress.cost[start] + UNREACHED_CELLS) * grid.spacing
-    costs = progress.cost.reshape(free.shape)
-    return Guide(yaws, costs, progress.previous.reshape(free.shape), float(unreached), reaches_start)
+    costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
+    goal_pose = cast(Pose, endpoints[1])
+    return Guide(goal_pose, yaws, costs, reached, grid.spacing, float(unreached)), reaches_start
 
 
 def _free_cells(edges: EdgesOnMap, yaw: float) -> Bools:
@@ -317,6 +309,7 @@ def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
     costs = METRES_PER_RADIAN * np.abs(wrapped(yaws[next_heading] - yaws[:, None])) + np.linalg.norm(offsets, axis=2)
     return Motions(
         headings=yaws,
+        nearest=np.arange(len(yaws)),
         next_heading=np.ascontiguousarray(next_heading[:, :count]),
         offsets=np.ascontiguousarray(offsets[:, :count]),
         costs=np.ascontiguousarray(costs[:, :count]),
@@ -329,7 +322,7 @@ def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
     )
 
 
-def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
+def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is an index into
@@ -351,11 +344,20 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int) -> Motions:
     x = np.where(steering, signed_radius * (np.sin(after) - np.sin(before)), metres * np.cos(before))
     y = np.where(steering, signed_radius * (np.cos(before) - np.cos(after)), metres * np.sin(before))
     costs = np.tile(np.abs(metres) * np.where(signs < 0, REVERSE_WEIGHT, 1.0), (count, 1))
-    words = np.zeros((moves, 5), dtype=np.int64), np.zeros((moves, 5))
-    words[0][:, 0], words[1][:, 0] = steering, metres / radius
-    near = max(NEAR_RADII * radius, NEAR_CELLS * spacing)
+    words = np.zeros((2, moves, 5))
+    words[0, :, 0], words[1, :, 0] = steering, metres / radius
     return Motions(
-        yaws, next_heading, np.stack([x, y], axis=2), costs, side, SWITCH_RADII * radius, CAR_GREED, near, *words
+        headings=yaws,
+        nearest=np.abs(wrapped(guide.headings - yaws[:, None])).argmin(axis=1),
+        next_heading=next_heading,
+        offsets=np.stack([x, y], axis=2),
+        costs=costs,
+        side=side,
+        switch_cost=SWITCH_RADII * radius,
+        greed=CAR_GREED,
+        near=max(NEAR_RADII * radius, NEAR_CELLS * spacing),
+        steering=words[0].astype(np.int64),
+        lengths=words[1],
     )
 
 
@@ -380,22 +382,30 @@ def _search(
         np.zeros(2, dtype=np.int64),
     )
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
-    nearest = np.abs(wrapped(guide.headings - motions.headings[:, None])).argmin(axis=1)
-    table = Table(guide.costs, guide.reached, nearest, guide.unreached, edges.space.grid.spacing, goal)
-    add_node(map_, motions, edges.turning_radius, table, nodes, start, heading, 0.0, NO_NODE, 0)
+    add_node(map_, motions, edges.turning_radius, guide, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
     while nodes.counts[0] < max_nodes:
-        node = expand_nodes(map_, motions, edges.turning_radius, table, nodes, max_nodes)
+        node = expand_nodes(map_, motions, edges.turning_radius, guide, nodes, max_nodes)
         check_deadline(until)
         if node == NO_NODE:
             return np.empty((0, 3)), "the lattice search reached no more nodes"
         if node >= 0 and is_free(*nodes.poses[node].tolist(), *goal):
-            rows = [goal]
-            while node != NO_NODE:
-                rows.append(tuple(nodes.poses[node].tolist()))
-                node = int(progress.previous[node])
-            return np.array([b for a, b in zip([None, *rows], rows, strict=False) if a != b])[::-1], ""
+            return _trace(nodes, node, endpoints, edges.turning_radius is None), ""
     return np.empty((0, 3)), f"the lattice search ended at its limit of {max_nodes:,} nodes"
+
+
+def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
+    """Return the path by a node, shape (n, 3); drives along one heading are merged if `merges`."""
+    rows = [endpoints[1]]
+    while node != NO_NODE:
+        rows.append(tuple(nodes.poses[node].tolist()))
+        node = int(nodes.progress.previous[node])
+    path = np.array(rows[::-1])
+    path = path[np.append((path[1:] != path[:-1]).any(axis=1), True)]
+    if merges:
+        turns = np.diff(path[:, 2]) != 0.0
+        path = path[np.concatenate([[True], turns[:-1] | turns[1:], [True]])]
+    return path
 
 
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
@@ -488,13 +498,13 @@ def spread_costs(ground: Ground, estimate: Estimate, progress: Progress, start: 
 
 
 @kernel
-def expand_nodes(map_: Map, motions: Motions, radius: float | None, table: Table, nodes: Nodes, max_nodes: int) -> int:
+def expand_nodes(map_: Map, motions: Motions, radius: float | None, guide: Guide, nodes: Nodes, max_nodes: int) -> int:
     """Expand nodes until one may see the goal, and return it.
 
     Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes or at `max_nodes`; the next call
     goes on.
     """
-    progress, poses, goal = nodes.progress, nodes.poses, table.goal
+    progress, poses, goal = nodes.progress, nodes.poses, guide.goal
     for _ in range(NODES_PER_CLOCK_CHECK):
         if progress.length[0] == 0:
             return NO_NODE
@@ -517,8 +527,8 @@ def expand_nodes(map_: Map, motions: Motions, radius: float | None, table: Table
                 next_x, next_y = goal[0], goal[1]  # else rounding would give the last edge a heading
             if map_.lower[0] <= next_x <= map_.upper[0] and map_.lower[1] <= next_y <= map_.upper[1]:
                 q = (next_x, next_y, motions.headings[after])
-                add_node(map_, motions, radius, table, nodes, q, after, total, node, move)
-        is_near = remaining(map_, table, x, y, heading) < motions.near
+                add_node(map_, motions, radius, guide, nodes, q, after, total, node, move)
+        is_near = remaining(map_, motions, guide, x, y, heading) < motions.near
         if is_near or nodes.counts[1] % NODES_PER_GOAL_EDGE == 0:
             return node
     return TIME_CHECK
@@ -529,7 +539,7 @@ def add_node(
     map_: Map,
     motions: Motions,
     radius: float | None,
-    table: Table,
+    guide: Guide,
     nodes: Nodes,
     q: Pose,
     heading: int,
@@ -551,7 +561,7 @@ def add_node(
     known = nodes.table[slot]
     if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * side:
         return
-    bound = cost + motions.greed * remaining(map_, table, q[0], q[1], heading)
+    bound = cost + motions.greed * remaining(map_, motions, guide, q[0], q[1], heading)
     if not bound < math.inf:
         return
     # The proof comes last, because it takes the most time.
@@ -584,12 +594,12 @@ def motion_is_free(
 
 
 @kernel
-def remaining(map_: Map, table: Table, x: float, y: float, heading: int) -> float:
+def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, heading: int) -> float:
     """Estimate the cost from a position and heading to the goal."""
     i = math.floor((x - map_.lower[0]) / map_.spacing) + MAX_STEP_CELLS
     j = math.floor((y - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
-    straight = math.hypot(x - table.goal[0], y - table.goal[1])
-    k = table.nearest[heading]
-    if table.reached[k, i, j] == 0:
-        return straight + table.unreached
-    return max(straight, table.costs[k, i, j] * table.spacing)
+    straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
+    k = motions.nearest[heading]
+    if guide.reached[k, i, j] == 0:
+        return straight + guide.unreached
+    return max(straight, guide.costs[k, i, j] * guide.spacing)
