@@ -1069,6 +1069,11 @@ class CSpace(ConfigurationMap, MapExport):
             self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked, prove
         )
 
+    @property
+    def _is_labelled(self) -> bool:
+        """Whether the components are known."""
+        return "_components" in vars(self)
+
     @derived
     def _components(self) -> Components:
         """Connected components of the map."""

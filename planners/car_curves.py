@@ -60,12 +60,6 @@ MAX_PIECE_CELLS = 4.0
 MIN_PIECE_CELLS = 1.0 / 16.0
 """Length of the shortest piece of a curve that is proven at once, in cells."""
 
-REVERSE_WEIGHT = 1.5
-"""Cost of a metre that a car drives in reverse, in metres driven ahead."""
-
-SWITCH_RADII = 0.5
-"""Cost of a car's change between driving ahead and in reverse, in turning radii."""
-
 
 @allocating
 def prove_length(
@@ -368,20 +362,10 @@ def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Le
 
 
 @allocating
-def curve_costs(kind: int, radius: float, starts: Floats, end: Floats, out: Floats) -> None:
-    """Write the costs, metres, of curves from `starts` to `end`."""
+def curve_lengths(kind: int, radius: float, starts: Floats, ends: Floats) -> Floats:
+    """Return the metres of the shortest curves between rows of configurations."""
+    metres = np.empty(len(starts))
     for k in range(len(starts)):
-        out[k] = _curve_cost(kind, radius, (starts[k, 0], starts[k, 1], starts[k, 2]), (end[0], end[1], end[2]))
-
-
-@allocating
-def _curve_cost(kind: int, radius: float, q0: Pose, q1: Pose) -> float:
-    """Return the cost of a car's shortest curve, metres."""
-    _, lengths, _ = shortest_word(kind, radius, q0, q1)
-    total, previous = 0.0, 0.0
-    for length in lengths:
-        if abs(length) > MAX_GAP:
-            total += abs(length) * (REVERSE_WEIGHT if length < 0.0 else 1.0)
-            total += SWITCH_RADII if previous * length < 0.0 else 0.0
-            previous = length
-    return total * radius
+        first, last = (starts[k, 0], starts[k, 1], starts[k, 2]), (ends[k, 0], ends[k, 1], ends[k, 2])
+        metres[k] = radius * total_length(shortest_word(kind, radius, first, last)[1])
+    return metres

@@ -30,8 +30,8 @@ from cspace.map.points import around_is_free
 from cspace.map.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
 from cspace.map.storage import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
-from planners.car_curves import MAX_GAP, POINT_ERROR, REVERSE_WEIGHT, SWITCH_RADII, Pose, curve_costs, word_is_free
-from planners.local_planner import CURVES, EdgesOnMap, Endpoints
+from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, word_is_free
+from planners.local_planner import EdgesOnMap, Endpoints
 
 MAX_STEP_CELLS: Final = 2
 """Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
@@ -56,6 +56,12 @@ INITIAL_QUEUE_LENGTH: Final = 2**14
 
 MAX_SPREAD: Final = 4
 """Largest number of states reached from one state in the first search."""
+
+REVERSE_WEIGHT: Final = 1.5
+"""Cost of a metre that a car drives in reverse, in metres driven ahead."""
+
+SWITCH_RADII: Final = 0.5
+"""Cost of a car's change between driving ahead and in reverse, in turning radii."""
 
 NEAR_CELLS: Final = 8.0
 """Distance from the goal, in cells, within which each node tries an edge to the goal."""
@@ -252,7 +258,7 @@ def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
 
     The drive leads from center to center. Cells are closed: a segment through a corner touches all four cells.
     """
-    passable = free
+    passable: Bools = free
     for i, j in itertools.product(range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)):
         if 2 * abs(dx * j - dy * i) <= abs(dx) + abs(dy):
             passable = passable & np.roll(free, (-i, -j), axis=(0, 1))
@@ -265,7 +271,7 @@ def _can_turn(edges: EdgesOnMap, free: Bools, yaws: Floats, k: int) -> Bools:
     A car needs FREE cells at both headings alone, because it turns as it drives. Other robots turn on the spot, so all
     rotation cells between must be FREE.
     """
-    can_turn = free[k] & free[(k + 1) % len(yaws)]
+    can_turn: Bools = free[k] & free[(k + 1) % len(yaws)]
     if edges.turning_radius is None:
         first, last = edges.space.rotations.cell_of(yaws[[k, (k + 1) % len(yaws)]])
         count = len(edges.space.rotations)
@@ -330,7 +336,7 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Mo
     """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
-    yaws = np.asarray(wrapped(start[2] + arc * np.arange(count)), dtype=np.float64)
+    yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is as long as the diagonal of a cell, and a straight drive longer, so both leave the cell.
     side = max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
     straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
@@ -400,7 +406,7 @@ def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Float
     while node != NO_NODE:
         rows.append(tuple(nodes.poses[node].tolist()))
         node = int(nodes.progress.previous[node])
-    path = np.array(rows[::-1])
+    path: Floats = np.array(rows[::-1])
     path = path[np.append((path[1:] != path[:-1]).any(axis=1), True)]
     if merges:
         turns = np.diff(path[:, 2]) != 0.0
@@ -424,7 +430,9 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
             if clock() >= until:
                 break  # the remaining points keep the points before them
             earlier = k - apart[apart <= k]
-            costs = total[earlier] + _edge_costs(edges, path[earlier], path[k]) + COST_PER_EDGE
+            costs = (
+                total[earlier] + edges.edge_lengths(path[earlier], np.tile(path[k], (len(earlier), 1))) + COST_PER_EDGE
+            )
             for index in np.argsort(costs, kind="stable").tolist():
                 # The edge from the waypoint before belongs to the path.
                 if index == 0 or (clock() < until and check(*path[earlier[index]].tolist(), *path[k].tolist())):
@@ -449,15 +457,6 @@ def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
         count = int(step / gap) if edges.turning_radius is None and a[2] == b[2] else 1
         rows += [a + np.arange(1, count)[:, None] / count * (b - a), b[None]]
     return np.concatenate(rows)
-
-
-def _edge_costs(edges: EdgesOnMap, starts: Floats, end: Floats) -> Floats:
-    """Return the costs, shape (n,), of edges from `starts` to `end`."""
-    if edges.turning_radius is None:
-        return edges.edge_lengths(starts, np.tile(end, (len(starts), 1)))
-    costs = np.empty(len(starts))
-    curve_costs(CURVES.index(edges.drive), edges.turning_radius, starts, end, costs)
-    return costs
 
 
 @kernel
@@ -602,4 +601,5 @@ def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, hea
     k = motions.nearest[heading]
     if guide.reached[k, i, j] == 0:
         return straight + guide.unreached
-    return max(straight, guide.costs[k, i, j] * guide.spacing)
+    metres: float = guide.costs[k, i, j] * guide.spacing
+    return max(straight, metres)

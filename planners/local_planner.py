@@ -16,7 +16,6 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
@@ -28,20 +27,19 @@ from cspace.arms.inverse import PoseGoal
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
-from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.rotations.records import bind_kernel
 from cspace.space import CSpace
 from cspace.words import Drive
-from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, PlannerName
+from planners.car_curves import curve_cost, curve_lengths, prove_length, shortest_word
+from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
 from planners.refinement import find_needed_rotations
-from planners.states import Configuration, check_space, kind_of, with_wrapped_angles
+from planners.states import Configuration, check_space, format_configuration, kind_of, with_wrapped_angles
 
 if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace
-    from planners.integrals import CostDensity, Field
 
 Endpoints = tuple[Configuration, ...]
 """A start and its alternative goals. Only arms have several goals."""
@@ -49,11 +47,8 @@ Endpoints = tuple[Configuration, ...]
 GoalLike = ArrayLike | PoseGoal | Sequence[PoseGoal | ArrayLike]
 """A goal of a plan, or several for an arm."""
 
-MAX_GOALS_PER_POSE: Final = 16
-"""Configurations at one pose that are goals of a search at once."""
-
 MAX_SOLUTIONS_PER_POSE: Final = 128
-"""Configurations tested before a pose counts as in collision."""
+"""Configurations at one pose that may be goals of a search."""
 
 MAX_RADIANS_PER_ROW: Final = math.radians(5.0)
 """Largest rotation between rows of a resampled path, radians (5 degrees)."""
@@ -87,12 +82,6 @@ LENGTH_ROUNDING_SHARE: Final = 1e-12
 JOINT_CHECKING_STEP: Final = 0.01
 """Joint distance (rad, m) between states when OMPL itself checks a motion."""
 
-MIN_DIGITS: Final = 4
-"""Fewest significant digits of a printed configuration."""
-
-MAX_DIGITS: Final = 17
-"""Significant digits from which any float is read back unchanged."""
-
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
 
@@ -111,25 +100,6 @@ class Pieces(NamedTuple):
     centers: Floats
     lengths: Floats
     rotations: Floats
-
-
-class MoreGoals:
-    """Further goals of a search, found when it first asks for them.
-
-    Attributes
-    ----------
-    found : list of tuple of float
-        The goals; empty before the first call.
-    """
-
-    def __init__(self, find: Callable[[], list[Configuration]]) -> None:
-        self._find = find
-        self.found: list[Configuration] = []
-
-    def __call__(self) -> list[Configuration]:
-        """Find the goals and return them."""
-        self.found = self._find()
-        return self.found
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +129,18 @@ class LocalPlanner(ABC):
     turning_radius: float | None = None
     bidirectional: bool = False
 
-    built_in_searches: ClassVar[tuple[PlannerName, ...]] = ()
-    """Built-in searches that follow such edges, the default one first."""
+    has_cells: ClassVar[bool] = True
+    """Whether the space is a map."""
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether the space is in memory."""
+        return True
+
+    @property
+    def has_cheap_search(self) -> bool:
+        """Whether a search costs less than :meth:`prove_existence`."""
+        return False
 
     @property
     @abstractmethod
@@ -280,15 +260,6 @@ class LocalPlanner(ABC):
         given = check_finite(goal, "goal")  # type: ignore[arg-type]  # pose goals are not numeric
         return [(self.check_endpoint(given, "goal"), given)]
 
-    def more_goals(
-        self,
-        goal: GoalLike,
-        start: Configuration,
-        seed: int | None,
-    ) -> MoreGoals | None:
-        """Return the goals that :meth:`find_goals` may leave out; None if it leaves out none."""
-        return None
-
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Name the joints that :meth:`check_endpoint` moves onto their limits.
 
@@ -307,19 +278,6 @@ class LocalPlanner(ABC):
         """
         return exists is not False
 
-    def format_configuration(self, q: ArrayLike) -> str:
-        """Format a configuration with just enough digits to type it back."""
-        given = np.asarray(q, dtype=np.float64)
-        for digits in range(MIN_DIGITS, MAX_DIGITS + 1):
-            texts = [f"{x:.{digits}g}" for x in given.tolist()]
-            if self._stands_for(np.array(texts, dtype=np.float64), given):
-                break
-        return f"({', '.join(texts)})"
-
-    @abstractmethod
-    def _stands_for(self, typed: Floats, q: Floats) -> bool:
-        """Return True if a rounded configuration gets the answers of `q`."""
-
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
@@ -334,7 +292,16 @@ class EdgesOnMap(LocalPlanner):
     """Edges between configurations of a map."""
 
     space: CSpace
-    built_in_searches: ClassVar[tuple[PlannerName, ...]] = (LATTICE,)
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether the map is in memory, not in a store."""
+        return isinstance(self.space, CSpace)
+
+    @property
+    def has_cheap_search(self) -> bool:
+        """Whether a search costs less than to label the components."""
+        return self.in_memory and not self.exact and not self.space._is_labelled
 
     @property
     @abstractmethod
@@ -380,11 +347,10 @@ class EdgesOnMap(LocalPlanner):
 
         The map may be in a store.
         """
-        space: ConfigurationMap = self.space
-        if isinstance(space, CSpace):
-            return space.edge_checker(exact=self.exact)
-        size, exact = space.size, self.exact
-        return lambda *edge: bool(space.motion_is_free(edge[:size], edge[size:], exact=exact))
+        if self.in_memory:
+            return self.space.edge_checker(exact=self.exact)
+        size = self.space.size
+        return lambda *edge: self.space.motion_is_free(edge[:size], edge[size:], exact=self.exact)
 
     def wrap_yaws(self, path: Floats) -> Floats:
         """Wrap the yaws of a path into [-pi, pi)."""
@@ -397,10 +363,9 @@ class EdgesOnMap(LocalPlanner):
 
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the lengths of all free paths from below."""
-        space: ConfigurationMap = self.space
-        steps, dim = space.rotations._steps_between(first, last), space.grid.dim
-        straight = float(np.linalg.norm(steps[:dim]))
-        metres = space.min_path_length(first, last) if isinstance(space, CSpace) else straight
+        space, dim = self.space, self.space.grid.dim
+        steps = space.rotations._steps_between(first, last)
+        metres = space.min_path_length(first, last) if self.in_memory else float(np.linalg.norm(steps[:dim]))
         return (1.0 - LENGTH_ROUNDING_SHARE) * (metres + self.rotation_weight * float(np.linalg.norm(steps[dim:])))
 
     def clearance(self, path: Floats) -> float:
@@ -451,21 +416,6 @@ class EdgesOnMap(LocalPlanner):
             return point
         raise self._make_endpoint_error(point, name, inside)
 
-    def _stands_for(self, typed: Floats, q: Floats) -> bool:
-        """Return True if a rounded configuration lies in the cell of `q`, and is as free."""
-        space, dim = self.space, self.space.grid.dim
-        try:
-            points = space.rotations._make_canonical(np.stack([typed, q]), "q")
-        except InputError:  # too few digits for a quaternion of norm 1
-            return False
-        cells = space.grid.cell_of(points[:, :dim])
-        rotation_cells = space.rotations._cells_of(points)
-        if (cells[0] != cells[1]).any() or rotation_cells[0] != rotation_cells[1]:
-            return False
-        is_free = self.straight_checker()
-        first_is_free, second_is_free = (is_free(*point, *point) for point in points.tolist())
-        return first_is_free == second_is_free
-
     def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
         """Make the error for a refused start or goal."""
         space = self.space
@@ -482,21 +432,21 @@ class EdgesOnMap(LocalPlanner):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside a FREE cell"
-        rotations = ""
-        if isinstance(space, CSpace) and state == MIXED and not self.exact:
+        hints = []
+        if self.in_memory and state == MIXED and not self.exact:
             rotations = find_needed_rotations(space, point)
-        hints = [f"build the map with {rotations}, which proves the {name} FREE"] if rotations else []
+            hints += [f"build the map with {rotations}, which proves the {name} FREE"] if rotations else []
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
-            hints.append(f"the nearest is {self.format_configuration(nearest)}")
+            hints.append(f"the nearest is {format_configuration(nearest)}")
         except ConfigurationError:
-            where = "at all" if isinstance(space, CSpace) else "near there"
+            where = "at all" if self.in_memory else "near there"
+            no_hint = not hints
             hints.append(f"the map has no FREE configuration {where}")
-            hints += [] if rotations else ["use a smaller robot, margin or spacing"]
-        hint = "; ".join(hints)
-        problem = f"{self.format_configuration(point)} {problem}"
-        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
+            hints += ["use a smaller robot, margin or spacing"] * no_hint
+        problem = f"{format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, "; ".join(hints), value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""
@@ -523,7 +473,6 @@ class StraightEdges(EdgesOnMap):
     """
 
     rotation_weight = METRES_PER_RADIAN
-    built_in_searches: ClassVar[tuple[PlannerName, ...]] = (GRID, MAX_CLEARANCE)
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves a straight edge free."""
@@ -531,8 +480,6 @@ class StraightEdges(EdgesOnMap):
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the straight edge."""
-        from planners.integrals import make_edge_cost
-
         return make_edge_cost(self.space, field, density)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
@@ -585,8 +532,6 @@ class TurnDriveTurn(StraightEdges):
     OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its interpolation stays
     within 1e-8 of the map's side of the line, and its distance counts metres alone.
     """
-
-    built_in_searches = (LATTICE,)
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space of curves with a tiny turning radius."""
@@ -676,7 +621,7 @@ class JointMotions(LocalPlanner):
     """
 
     space: ArmSpace
-    built_in_searches = (BIRRT,)
+    has_cells = False
     checking_step = JOINT_CHECKING_STEP
 
     @property
@@ -745,14 +690,6 @@ class JointMotions(LocalPlanner):
         # revolutions.
         return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
 
-    def _stands_for(self, typed: Floats, q: Floats) -> bool:
-        """Return True if rounded joints lie within the limits, and are as free."""
-        try:
-            are_free = np.asarray(self.space.is_free(np.stack([typed, q])))
-        except ConfigurationError:  # rounded beyond a limit
-            return False
-        return bool(are_free[0] == are_free[1])
-
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal with joints clamped and angles wrapped.
 
@@ -782,7 +719,7 @@ class JointMotions(LocalPlanner):
             name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
             try:
                 if isinstance(each, PoseGoal):
-                    goals += self._goals_at_pose(each, name, start, seed)
+                    goals += [(q, q) for q in self._solve_pose(each, name, start, seed)]
                 else:
                     goals.append((self.check_endpoint(each, name), each))
             except ConfigurationError as error:
@@ -795,43 +732,14 @@ class JointMotions(LocalPlanner):
         lengths = self.edge_lengths(np.array(start)[np.newaxis], np.array([checked for checked, _ in goals]))
         return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
 
-    def more_goals(
-        self,
-        goal: GoalLike,
-        start: Configuration,
-        seed: int | None,
-    ) -> MoreGoals | None:
-        """Return further free configurations at poses; None if no goal is a pose."""
-        poses = [each for each in _list_alternatives(goal) if isinstance(each, PoseGoal)]
-
-        def find() -> list[Configuration]:
-            found = list[Configuration]()
-            for pose in poses:
-                with suppress(ConfigurationError):
-                    _, free = self._solve_pose(pose, "goal", start, MAX_SOLUTIONS_PER_POSE, seed)
-                    found += free
-            return found
-
-        return MoreGoals(find) if poses else None
-
-    def _solve_pose(
-        self, goal: PoseGoal, name: str, start: Configuration, count: int, seed: int | None
-    ) -> tuple[Floats, list[Configuration]]:
-        """Return configurations at a pose, the nearest first, and those that are proven free."""
-        points = self.space.arm._solve_pose(goal, name, start, count, seed or 0)
-        points = wrapped(points, self.space.periodic_axes)
-        free = points[np.asarray(self.space.is_free(points))]
-        return points, [tuple(q) for q in free.tolist()]
-
-    def _goals_at_pose(
-        self, goal: PoseGoal, name: str, start: Configuration, seed: int | None
-    ) -> list[tuple[Configuration, ArrayLike]]:
-        """Return proven free configurations at a pose, the nearest first."""
+    def _solve_pose(self, goal: PoseGoal, name: str, start: Configuration, seed: int | None) -> list[Configuration]:
+        """Return the proven free configurations found at a pose."""
         space, contacts = self.space, Counter[tuple[str, str]]()
-        for count in (MAX_GOALS_PER_POSE, MAX_SOLUTIONS_PER_POSE):
-            points, free = self._solve_pose(goal, name, start, count, seed)
-            if free:
-                return [(q, q) for q in free[:MAX_GOALS_PER_POSE]]
+        points = space.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        points = wrapped(points, space.periodic_axes)
+        free = points[np.asarray(space.is_free(points))]
+        if len(free):
+            return [tuple(q) for q in free.tolist()]
         contacts.update(space.closest(q)[:2] for q in points)
         ((link, other), number), *_ = contacts.most_common(1)
         problem = (
@@ -880,25 +788,8 @@ class CarCurves(EdgesOnMap):
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
 
-    def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge is proven free, also in a store."""
-        given: object = self.space
-        if isinstance(given, CSpace):
-            return super().edges_are_free(path)
-        space = cast("TiledCSpace", given)
-        grid, free = space.grid, []
-        for edge in np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else [path]:
-            centers = self.split_path(edge, grid.spacing, MAX_RADIANS_PER_ROW).centers
-            positions, margin = np.concatenate([edge, centers])[:, :2], 2.0 * grid.spacing
-            window = space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin)
-            free += replace(self, space=window).edges_are_free(edge).tolist()
-        return np.array(free, dtype=np.bool_)
-
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        from planners.car_curves import curve_cost
-        from planners.integrals import bind_cost
-
         return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius))
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
@@ -920,20 +811,27 @@ class CarCurves(EdgesOnMap):
 
         It returns -1 unless the curve is proven free.
         """
-        from planners.car_curves import prove_length
-
+        if not self.in_memory:
+            return lambda *q: self._window_around(np.reshape(q, (2, 3))).length_prover()(*q)
         map_ = self.space._kernel_map
         # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
         map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
         return bind_kernel(prove_length, (map_, self.kind, self.radius), *[0.0] * 6)
 
+    def _window_around(self, edge: Floats) -> CarCurves:
+        """Return the curves in a part of the map around an edge, in memory."""
+        space, margin = cast("TiledCSpace", self.space), 2.0 * self.space.grid.spacing
+        centers = self.split_path(edge, space.grid.spacing, MAX_RADIANS_PER_ROW).centers
+        positions = np.concatenate([edge, centers])[:, :2]
+        return replace(self, space=space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin))
+
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
-        return np.array([self.metres(*edge) for edge in zip(starts, ends, strict=True)])
+        return curve_lengths(self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends))
 
     def metres(self, first: Floats, last: Floats) -> float:
         """Return the metres of the shortest curve between two configurations."""
-        return self.radius * float(np.abs(self._word(first, last)[1]).sum())
+        return float(self.edge_lengths(first[None], last[None])[0])
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split each curve into pieces of at most ``step`` and ``rotation``."""
@@ -980,8 +878,6 @@ class CarCurves(EdgesOnMap):
 
         Steering is 1, -1 or 0. Lengths are in radii, negative in reverse.
         """
-        from planners.car_curves import shortest_word
-
         steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
         return np.asarray(steering, dtype=np.float64), np.asarray(lengths)
 

@@ -167,23 +167,22 @@ class OverlapObjective(WeightedLength):
     ----------
     si, space, weight, drive, turning_radius
         As for :class:`WeightedLength`; the penalty is one at overlap ``saturation``.
-    field : cspace.spectral.OverlapField, optional
-        Field of the same map. The default is the field of the map; see :meth:`cspace.CSpace.with_overlap_field`.
+    field : cspace.spectral.OverlapField
+        Field of the same map. The objective keeps its values when the map is updated.
     saturation : float, optional
         Overlap, in square or cubic metres. The default is the largest overlap in a FREE cell.
 
     Raises
     ------
     InputError
-        If the field belongs to another map, there is no field, or ``saturation`` is not above zero; and as
-        :class:`WeightedLength`.
+        If ``field`` is no field of this map, or ``saturation`` is not above zero; and as :class:`WeightedLength`.
     """
 
     def __init__(
         self,
         si: ob.SpaceInformation,
         space: CSpace,
-        field: OverlapField | None = None,
+        field: OverlapField,
         *,
         weight: float = DEFAULT_WEIGHT,
         saturation: float | None = None,
@@ -191,13 +190,13 @@ class OverlapObjective(WeightedLength):
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
-        found = overlap_field(space, field)
+        _check_field(space, field)
         if saturation is None:
-            saturation = _find_largest_overlap(space, found)
+            saturation = _find_largest_overlap(space, field)
         else:
             saturation = check_positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
-            si, space, found.cells, slope=1.0 / saturation, weight=weight, drive=drive, turning_radius=turning_radius
+            si, space, field.cells, slope=1.0 / saturation, weight=weight, drive=drive, turning_radius=turning_radius
         )
 
 
@@ -236,19 +235,14 @@ def edges_on_map(space: ConfigurationSpace, drive: Drive, turning_radius: float 
     return edges
 
 
-def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapField:
-    """Return ``field``, by default the overlap field of the map.
-
-    Raises InputError if there is neither, or the field belongs to another map.
-    """
-    found: OverlapField | None = space.overlap_field if field is None else field
-    if found is None:
-        hint = "pass one, or plan on space.with_overlap_field(overlap)"
-        raise InputError("field", "is missing, and the map carries none", "the objective needs a field", hint)
-    if found.space is not space:
-        rule = "field and objective must share a map"
-        raise InputError("field", "belongs to another map", rule, "use OverlapField.of(space, ...)", value=field)
-    return found
+def _check_field(space: CSpace, field: object) -> None:
+    """Raise InputError unless this is an overlap field of the map."""
+    if not isinstance(field, OverlapField):
+        rule, hint = "the objective needs a field", "pass OverlapField.of(space, overlap)"
+        raise InputError("field", f"is a {type(field).__name__}", rule, hint, value=field)
+    if field.space is not space:
+        rule, hint = "field and objective must share a map", "pass OverlapField.of(space, overlap)"
+        raise InputError("field", "belongs to another map", rule, hint, value=field)
 
 
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:

@@ -22,6 +22,7 @@ from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.words import Drive
 from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
+from planners.states import format_configuration
 from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ class Plan:
     planner : str
         Name of the planner.
     objective : str
-        Quantity that was minimised: ``"length"``, ``"clearance"``, ``"overlap"`` or ``"custom"``.
+        Quantity that was minimised: ``"length"``, ``"clearance"`` or ``"custom"``.
     drive : str
         Motion of the robot along edges; see :func:`planners.plan`.
     turning_radius : float or None
@@ -303,12 +304,12 @@ class Plan:
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""
         if not self.solved:
-            start, goal = self._text_of(self.start), self._text_of(self.goal)
+            start, goal = (format_configuration(q.tolist()) for q in (self.start, self.goal))
             between = f"from {start} to {goal} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
-        endpoints = " to ".join(map(self._text_of, self.waypoints[[0, -1]]))
+        endpoints = " to ".join(map(format_configuration, self.waypoints[[0, -1]].tolist()))
         distance = f", {self.distance_text}" if self.distance_text else ""
         rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
         return [
@@ -317,12 +318,6 @@ class Plan:
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
         ]
-
-    def _text_of(self, q: Floats) -> str:
-        """Format a configuration so that it can be typed back."""
-        if self.space is None:
-            return f"({', '.join(map(repr, q.tolist()))})"
-        return self._edges_on(self.space).format_configuration(q)
 
     @property
     def _proof(self) -> str:

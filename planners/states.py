@@ -86,6 +86,11 @@ def kind_of(space: ConfigurationSpace) -> StateKind:
     return rigid_body or _make_joint_kind(space.periodic_axes)
 
 
+def format_configuration(q: Sequence[float]) -> str:
+    """Format a configuration so that it can be typed back."""
+    return f"({', '.join(map(repr, q))})"
+
+
 def check_space(space: object) -> None:
     """Raise InputError unless ``space`` is a ConfigurationSpace."""
     if not isinstance(space, ConfigurationSpace):
