@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,8 +28,6 @@ from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_c
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.export.messages import Message
-    from cspace.files.ros import Path
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
 
@@ -385,11 +383,7 @@ class Plan:
         drawn = space.overview() if isinstance(space, TiledCSpace) else space
         animate(drawn, self.path, file, overwrite, **options)
 
-    @overload
-    def to_path(self, msg: None = None, *, frame_id: str = "map") -> Path: ...
-    @overload
-    def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
-    def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
+    def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
         """Convert a rigid robot's path to a ``nav_msgs/Path`` of ROS.
 
         Parameters
