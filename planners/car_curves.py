@@ -71,8 +71,6 @@ def prove_length(
     curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may drive any one.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
-    if is_swapped(kind, q0, q1):
-        q0, q1 = q1, q0
     steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
     count, gap = find_shortest_words(kind, radius, (q0, q1), TIE_TOLERANCE, steering, lengths)
     if not gap <= MAX_GAP:
@@ -156,10 +154,7 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
 def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
     """Return the shortest word's steering, lengths and gap."""
     steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
-    swapped = is_swapped(kind, q0, q1)
-    _, gap = find_shortest_words(kind, radius, (q1, q0) if swapped else (q0, q1), -math.inf, steering, lengths)
-    if swapped:
-        reverse(steering[0], lengths[0])
+    _, gap = find_shortest_words(kind, radius, (q0, q1), -math.inf, steering, lengths)
     return steering[0], lengths[0], gap
 
 
@@ -169,17 +164,6 @@ def reverse(steering: Ints, lengths: Floats) -> None:
     for k in range(3):
         steering[k], steering[4 - k] = steering[4 - k], steering[k]
         lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
-
-
-@kernel
-def is_swapped(kind: int, q0: Pose, q1: Pose) -> bool:
-    """Return True if a curve is computed from its end.
-
-    It is then reversed. So the curves of a car that reverses are the same both ways, even if several are equally short.
-    """
-    if kind == DUBINS or q0[0] < q1[0]:
-        return False
-    return q1[0] < q0[0] or q1[1] < q0[1] or (q1[1] == q0[1] and q1[2] < q0[2])
 
 
 @allocating

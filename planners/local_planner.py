@@ -33,7 +33,7 @@ from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_
 from cspace.rotations.records import bind_kernel
 from cspace.space import CSpace
 from cspace.words import Drive
-from planners.car_curves import curve_cost, curve_lengths, prove_length, shortest_word
+from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
 from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
 from planners.refinement import find_needed_rotations
 from planners.states import Configuration, check_space, format_configuration, kind_of, with_wrapped_angles
@@ -316,7 +316,7 @@ class EdgesOnMap(LocalPlanner):
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split a path into pieces of at most ``step`` and ``rotation``.
 
-        ``step`` is in metres, ``rotation`` in radians.
+        ``step`` is in metres, ``rotation`` in radians. A single configuration is one piece.
         """
 
     @property
@@ -376,7 +376,7 @@ class EdgesOnMap(LocalPlanner):
         half the length bounds the piece, in each rotation cell within half the piece's rotation.
         """
         space, dim = self.space, self.space.grid.dim
-        pieces = self._split_or_point(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
+        pieces = self.split_path(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
         rows, cells = space.rotations._cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
         q = pieces.centers[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is constant in a rotation cell
@@ -390,16 +390,12 @@ class EdgesOnMap(LocalPlanner):
         distance there minus that much bounds the piece.
         """
         space, step = self.space, 0.25 * self.space.grid.spacing
-        pieces = self._split_or_point(path, step, step / max(space.robot.span, step))
+        pieces = self.split_path(path, step, step / max(space.robot.span, step))
         try:
             distance = space.obstacle_distance(pieces.centers, pieces.lengths, pieces.rotations)
         except InputError:  # the map has no geometry
             return math.nan
         return distance if self.are_free(path) else 0.0
-
-    def _split_or_point(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path; a single configuration becomes one piece."""
-        return self.split_path(path, step, rotation) if len(path) > 1 else Pieces(path, np.zeros(1), np.zeros(1))
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal in canonical form.
@@ -489,6 +485,8 @@ class StraightEdges(EdgesOnMap):
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split each edge into equal pieces of at most ``step`` and ``rotation``."""
+        if len(path) == 1:
+            return Pieces(path, np.zeros(1), np.zeros(1))
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
         centers = self.space.rotations._add_steps(
@@ -562,12 +560,9 @@ class TurnDriveTurn(StraightEdges):
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
-        offsets = ends[:, :2] - starts[:, :2]
-        ahead, stays = np.arctan2(offsets[:, 1], offsets[:, 0]), (offsets == 0.0).all(axis=1)
-        yaws = np.where(stays, starts[:, 2], ahead), np.where(stays, starts[:, 2], ahead + math.pi)
-        radians = [np.abs(wrapped(yaw - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaw)) for yaw in yaws]
-        least = radians[0] if self.drive == "differential" else np.minimum(*radians)
-        return np.asarray(np.linalg.norm(offsets, axis=1) + self.rotation_weight * least)
+        yaws = [self.heading(*first, *last) for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
+        radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
+        return np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1) + self.rotation_weight * radians
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
         """Return the yaw while driving an edge; ``yaw0`` for a pure turn."""
@@ -650,11 +645,6 @@ class JointMotions(LocalPlanner):
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the motion free."""
         return with_wrapped_angles(self.space.edge_checker(), self.space.periodic_axes)
-
-    def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each motion is proven free, shape (n - 1,)."""
-        starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
-        return np.asarray(self.space.motion_is_free(starts, ends))
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of motions in the joints, shape (n,)."""
@@ -835,9 +825,9 @@ class CarCurves(EdgesOnMap):
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split each curve into pieces of at most ``step`` and ``rotation``."""
+        if len(path) == 1:
+            return Pieces(path, np.zeros(1), np.zeros(1))
         curves = [self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
-        if not curves:
-            return Pieces(np.empty((0, 3)), np.empty(0), np.empty(0))
         centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
         return Pieces(centers, lengths, np.abs(rotations))
 
@@ -846,7 +836,7 @@ class CarCurves(EdgesOnMap):
 
         Rows are at most a cell and 5 degrees apart.
         """
-        rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
+        rows, signs = [path[:1]], [np.ones(len(path) == 1, dtype=np.int8)]
         for a, b in itertools.pairwise(path):
             points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
             points[:, 2] = wrapped(points[:, 2])
@@ -854,8 +844,7 @@ class CarCurves(EdgesOnMap):
             rows.append(points)
             signs.append(ahead)
         direction = np.concatenate(signs)
-        first = direction[:1] if len(direction) else np.ones(1, dtype=np.int8)
-        return np.concatenate(rows), np.concatenate([first, direction])
+        return np.concatenate(rows), np.concatenate([direction[:1], direction]) if len(path) > 1 else direction
 
     def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
         """Return configurations along a curve, shape (n, 3).
@@ -863,23 +852,25 @@ class CarCurves(EdgesOnMap):
         ``position`` gives their distances from its start, metres, shape (n,).
         """
         steering, lengths = self._word(first, last)
-        yaws = first[2] + np.cumsum([0.0, *steering * lengths])
-        starts = np.cumsum([0.0, *np.abs(lengths[:-1])])
-        breakpoints = np.cumsum([(0.0, 0.0), *_segment_offsets(steering, lengths, yaws[:-1])], axis=0)
-        distance = position / self.radius
-        # A point where two segments meet belongs to the later one.
-        segment = np.maximum(np.searchsorted(starts, distance + 1e-12, side="right") - 1, 0)
-        along = np.copysign(np.clip(distance - starts[segment], 0.0, np.abs(lengths[segment])), lengths[segment])
-        offsets = breakpoints[segment] + _segment_offsets(steering[segment], along, yaws[segment])
-        return np.column_stack([first[:2] + self.radius * offsets, yaws[segment] + steering[segment] * along])
+        rows = []
+        for left in (position / self.radius).tolist():
+            pose = (0.0, 0.0, float(first[2]))
+            for steer, length in zip(steering.tolist(), lengths.tolist(), strict=True):
+                part = min(left, abs(length))
+                pose = advance(pose, steer, math.copysign(part, length))
+                left -= part
+            rows.append(pose)
+        points = np.array(rows).reshape(-1, 3)
+        points[:, :2] = first[:2] + self.radius * points[:, :2]
+        return points
 
-    def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
+    def _word(self, first: Floats, last: Floats) -> tuple[Ints, Floats]:
         """Return the steering and lengths of a curve's segments.
 
         Steering is 1, -1 or 0. Lengths are in radii, negative in reverse.
         """
         steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
-        return np.asarray(steering, dtype=np.float64), np.asarray(lengths)
+        return steering, lengths
 
     def split_curve(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
@@ -981,14 +972,6 @@ def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
     """
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
-
-
-def _segment_offsets(steering: Floats, lengths: Floats, yaws: Floats) -> Floats:
-    """Return the displacements along segments, shape (n, 2), in turning radii."""
-    after = yaws + steering * lengths
-    x = np.where(steering, steering * (np.sin(after) - np.sin(yaws)), lengths * np.cos(yaws))
-    y = np.where(steering, steering * (np.cos(yaws) - np.cos(after)), lengths * np.sin(yaws))
-    return np.stack([x, y], axis=-1)
 
 
 def _wrap_yaw(yaw: float) -> float:
