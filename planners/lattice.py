@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace.compiling import clock, kernel
 from cspace.map.edges import edge_is_free
-from cspace.map.paths import MAX_SHORTENING_SECONDS
+from cspace.map.paths import MAX_SHORTENING_SECONDS, pulled_straight
 from cspace.map.points import around_is_free
 from cspace.map.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
 from cspace.map.storage import Map
@@ -90,14 +91,8 @@ ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
 COST_PER_EDGE: Final = 1e-6
 """Cost of an edge when a path is shortened, metres; it makes collinear drives one edge."""
 
-SHORTENING_ROUNDS: Final = 2
-"""Number of rounds in which a path is shortened."""
-
 MAX_SHORTCUTS: Final = 60
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
-
-POINTS_PER_PATH: Final = 100
-"""Number of points added along the straight drives of a path before it is shortened."""
 
 NO_NODE, TIME_CHECK = -1, -2
 """Results of :func:`expand_nodes` other than a node."""
@@ -415,48 +410,42 @@ def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Float
 
 
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
-    """Shorten a path, shape (n, 3), by proven edges.
+    """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
+    check = edges.edge_checker()
 
-    The edges join waypoints, and points between waypoints. The result is the cheapest such path; after ``until``, the
-    rest of the path stays as it is.
+    def is_free(*q: float) -> bool:
+        return clock() < until and check(*q)
+
+    def measure(*q: float) -> float:
+        first, last = np.reshape(q, (2, 1, 3))
+        return float(edges.edge_lengths(first, last)[0]) + COST_PER_EDGE
+
+    shorter = _skip_waypoints(edges, path, is_free)
+    if edges.turning_radius is None:  # a part of a curve need not be a shortest curve
+        shorter = pulled_straight(shorter, edges.space.rotations, is_free, measure)
+    shorter = edges.remove_turns(shorter)
+    return shorter if edges.are_free(shorter) else path  # rounding may make a part of an edge fail
+
+
+def _skip_waypoints(edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool]) -> Floats:
+    """Return the shortest path by free edges between waypoints, found by dynamic programming.
+
+    Each waypoint is joined to an earlier one, and at least to the one before, whose edge belongs to the path.
     """
-    check, given = edges.edge_checker(), path
-    for _ in range(SHORTENING_ROUNDS):
-        path = _with_points_between(edges, path)
-        # Dynamic programming: each point is joined to the earlier point that gives the cheapest path.
-        previous, total = np.arange(-1, len(path) - 1), np.zeros(len(path))
-        apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
-        for k in range(1, len(path)):
-            if clock() >= until:
-                break  # the remaining points keep the points before them
-            earlier = k - apart[apart <= k]
-            costs = (
-                total[earlier] + edges.edge_lengths(path[earlier], np.tile(path[k], (len(earlier), 1))) + COST_PER_EDGE
-            )
-            for index in np.argsort(costs, kind="stable").tolist():
-                # The edge from the waypoint before belongs to the path.
-                if index == 0 or (clock() < until and check(*path[earlier[index]].tolist(), *path[k].tolist())):
-                    previous[k], total[k] = earlier[index], costs[index]
-                    break
-        chain = [len(path) - 1]
-        while chain[-1] > 0:
-            chain.append(int(previous[chain[-1]]))
-        path = edges.remove_turns(path[chain[::-1]])
-    return path if edges.are_free(path) else given  # rounding may make a part of an edge fail
-
-
-def _with_points_between(edges: EdgesOnMap, path: Floats) -> Floats:
-    """Insert points on the drives of a path.
-
-    About POINTS_PER_PATH points are spread over the path; only drives of constant yaw get them. A car's path is
-    returned as it is, because a part of its curve need not be a shortest curve.
-    """
-    steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
-    rows, gap = [path[:1]], steps.sum() / POINTS_PER_PATH
-    for a, b, step in zip(path[:-1], path[1:], steps.tolist(), strict=True):
-        count = int(step / gap) if edges.turning_radius is None and a[2] == b[2] else 1
-        rows += [a + np.arange(1, count)[:, None] / count * (b - a), b[None]]
-    return np.concatenate(rows)
+    previous, total = np.arange(-1, len(path) - 1), np.zeros(len(path))
+    apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
+    for k in range(1, len(path)):
+        earlier = k - apart[apart <= k]
+        lengths = edges.edge_lengths(path[earlier], np.tile(path[k], (len(earlier), 1)))
+        costs = total[earlier] + lengths + COST_PER_EDGE
+        for index in np.argsort(costs, kind="stable").tolist():
+            if index == 0 or is_free(*path[earlier[index]].tolist(), *path[k].tolist()):
+                previous[k], total[k] = earlier[index], costs[index]
+                break
+    kept = [len(path) - 1]
+    while kept[-1] > 0:
+        kept.append(int(previous[kept[-1]]))
+    return path[kept[::-1]]
 
 
 @kernel

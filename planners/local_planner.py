@@ -28,6 +28,7 @@ from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
 from cspace.configuration_space import ConfigurationSpace
+from cspace.engines.slices import narrower_rotations
 from cspace.errors import ConfigurationError, InputError
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.rotations.records import bind_kernel
@@ -35,7 +36,6 @@ from cspace.space import CSpace
 from cspace.words import Drive
 from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
 from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
-from planners.refinement import find_needed_rotations
 from planners.states import Configuration, check_space, format_configuration, kind_of, with_wrapped_angles
 
 if TYPE_CHECKING:
@@ -430,8 +430,9 @@ class EdgesOnMap(LocalPlanner):
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside a FREE cell"
         hints = []
         if self.in_memory and state == MIXED and not self.exact:
-            rotations = find_needed_rotations(space, point)
-            hints += [f"build the map with {rotations}, which proves the {name} FREE"] if rotations else []
+            # Within one of these rotation cells, no point of the robot moves farther than half a cell.
+            narrower = narrower_rotations(space.robot, space.rotations, 0.5 * space.grid.spacing)
+            hints += [f"build the map with {text}" for text, _ in list(narrower)[-1:]]
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
@@ -562,7 +563,8 @@ class TurnDriveTurn(StraightEdges):
         """Return the metres of edges plus half their radians, shape (n,)."""
         yaws = [self.heading(*first, *last) for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
         radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
-        return np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1) + self.rotation_weight * radians
+        metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
+        return metres + self.rotation_weight * radians
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
         """Return the yaw while driving an edge; ``yaw0`` for a pure turn."""
@@ -836,7 +838,7 @@ class CarCurves(EdgesOnMap):
 
         Rows are at most a cell and 5 degrees apart.
         """
-        rows, signs = [path[:1]], [np.ones(len(path) == 1, dtype=np.int8)]
+        rows, signs = [path[:1]], [np.ones(int(len(path) == 1), dtype=np.int8)]
         for a, b in itertools.pairwise(path):
             points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
             points[:, 2] = wrapped(points[:, 2])
