@@ -109,7 +109,7 @@ class Motions(NamedTuple):
     side: float  # of the cells that hold one configuration for each heading
     switch_cost: float  # of a change between driving ahead and in reverse
     greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
-    near: float  # remaining cost below which each node tries an edge to the goal
+    near: float  # distance from the goal within which each node tries an edge to the goal
     steering: Ints  # (m, 5), the motions of a car as words of one segment
     lengths: Floats  # (m, 5)
 
@@ -332,8 +332,9 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Mo
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
-    # The chord of an arc is as long as the diagonal of a cell, and a straight drive longer, so both leave the cell.
-    side = max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
+    # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one configuration often replaces
+    # another that alone leads into a tight slot.
+    side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
     straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
     moves = 3 + 3 * _reverses(edges)
     steering = np.array([1, -1, 0, 1, -1, 0])[:moves]
@@ -516,7 +517,7 @@ def expand_nodes(map_: Map, motions: Motions, radius: float | None, guide: Guide
             if map_.lower[0] <= next_x <= map_.upper[0] and map_.lower[1] <= next_y <= map_.upper[1]:
                 q = (next_x, next_y, motions.headings[after])
                 add_node(map_, motions, radius, guide, nodes, q, after, total, node, move)
-        is_near = remaining(map_, motions, guide, x, y, heading) < motions.near
+        is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
         if is_near or nodes.counts[1] % NODES_PER_GOAL_EDGE == 0:
             return node
     return TIME_CHECK

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Final, NamedTuple, cast
@@ -328,7 +329,9 @@ def _check_arguments(
         make_bounded_states(edges)  # refuses spaces that are too small for OMPL
     fallback = None
     if name != search.planner and (objective, edges.has_cells) == (LENGTH, True):
-        fallback = search.planner
+        with suppress(InputError):  # the space may be too small for OMPL
+            make_bounded_states(edges)
+            fallback = search.planner
     search = replace(
         search,
         planner=name,
@@ -379,19 +382,20 @@ def _check_built_in_search(task: _Task) -> None:
         raise InputError("planner", f"is {name!r} and the map is in a store", rule, hint, value=name)
     keeps_away = name == GRID and task.objective == CLEARANCE
     needs_free_cells = keeps_away or name in (MAX_CLEARANCE, LATTICE)
+    why = f" for objective={CLEARANCE!r}" * keeps_away
     has_drive = edges.drive != HOLONOMIC
     minimised = "length or clearance" if name == GRID else "the length"
     refused = (
         ("objective", task.objective, task.objective != LENGTH and not keeps_away, f"minimises {minimised}"),
-        ("exact", True, edges.exact and not has_drive and needs_free_cells, "uses FREE cells"),
+        ("exact", True, edges.exact and not has_drive and needs_free_cells, f"uses FREE cells{why}"),
         ("drive", edges.drive, has_drive and name != LATTICE, "is for holonomic robots"),
         ("iterations", task.search.iterations, task.search.iterations is not None and name != BIRRT, "counts none"),
     )
     for option, value, is_refused, rule in refused:
         if is_refused:
-            why = "" if task.is_named else f", which objective={task.objective!r} chooses"
+            chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
             other = planner_named(None, edges.drive) if task.objective == LENGTH else "RRTstar"
-            problem, hint = f"is {value!r} and planner is {name!r}{why}", f"use planner={other!r}"
+            problem, hint = f"is {value!r} and planner is {name!r}{chosen}", f"use planner={other!r}"
             hint = f"leave {option} out, or {hint}"
             raise InputError(option, problem, f"{name} {rule}", hint, value=value)
 

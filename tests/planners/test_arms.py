@@ -176,7 +176,6 @@ def test_joints_that_cannot_move_are_refused_if_ompl_needs_their_range(tmp_path:
     ({"planner": "Grid"}, "BiRRT is for arms, Grid"),
     ({"planner": "MaxClearance"}, "Lattice are for maps"),
     ({"objective": "clearance"}, "objective is for maps.*weighs cells"),
-    ({"objective": "overlap"}, "objective is for maps"),
     (
         {"objective": lambda si: None},
         "objective is a function and no planner is named; .*planner='RRTstar'",

@@ -82,7 +82,6 @@ def test_a_blocked_goal_on_a_tiled_map_is_refused_with_the_nearest_free_one(tile
     "options, message",
     ({"start": [-0.7, 0.7]}, r"start .* lies outside"),
     ({"exact": True}, "exact needs a map in memory"),
-    ({"objective": "overlap", "planner": "RRTstar"}, "overlap_field needs a map in memory"),
     ({"drive": "dubins", "turning_radius": 1.0}, r"it is for the axes .x, y, yaw."),
 )
 def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, message):
