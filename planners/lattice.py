@@ -421,14 +421,15 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
         first, last = np.reshape(q, (2, 1, 3))
         return float(edges.edge_lengths(first, last)[0]) + COST_PER_EDGE
 
-    shorter = _skip_waypoints(edges, path, is_free)
-    if edges.turning_radius is None:  # a part of a curve need not be a shortest curve
+    shorter = _skip_waypoints(edges, path, is_free, until)
+    # A part of a curve need not be a shortest curve.
+    if edges.turning_radius is None and clock() < until:
         shorter = pulled_straight(shorter, edges.space.rotations, is_free, measure)
     shorter = edges.remove_turns(shorter)
     return shorter if edges.are_free(shorter) else path  # rounding may make a part of an edge fail
 
 
-def _skip_waypoints(edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool]) -> Floats:
+def _skip_waypoints(edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool], until: float) -> Floats:
     """Return the shortest path by free edges between waypoints, found by dynamic programming.
 
     Each waypoint is joined to an earlier one, and at least to the one before, whose edge belongs to the path.
@@ -436,6 +437,8 @@ def _skip_waypoints(edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool
     previous, total = np.arange(-1, len(path) - 1), np.zeros(len(path))
     apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
     for k in range(1, len(path)):
+        if clock() >= until:
+            break  # the remaining waypoints keep the waypoints before them
         earlier = k - apart[apart <= k]
         lengths = edges.edge_lengths(path[earlier], np.tile(path[k], (len(earlier), 1)))
         costs = total[earlier] + lengths + COST_PER_EDGE

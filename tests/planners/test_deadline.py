@@ -10,9 +10,8 @@ import pytest
 import planners
 from cspace import MIXED, Robot, Workspace, build
 from cspace.compiling import clock
-from planners import lattice
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
-from planners.local_planner import TurnDriveTurn
+from planners.local_planner import CarCurves, TurnDriveTurn
 from planners.search import Deadline, OutOfTime
 from tests.planning import (
     ANYTIME_PLANNERS,
@@ -87,7 +86,7 @@ def test_grid_search_keeps_the_time_limit() -> None:
 @pytest.mark.parametrize(
     ("options", "owner", "name"),
     [
-        ({"drive": "reeds-shepp", "turning_radius": 0.1}, lattice, "curve_costs"),
+        ({"drive": "reeds-shepp", "turning_radius": 0.1}, CarCurves, "edge_lengths"),
         ({"drive": "differential"}, TurnDriveTurn, "edge_lengths"),
     ],
     ids=["car", "turns on the spot"],
