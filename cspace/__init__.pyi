@@ -10,7 +10,6 @@ from . import plot as plot
 from . import raster as raster
 from . import shapes as shapes
 from . import spectral as spectral
-from . import store as store
 from . import update as update
 from . import view as view
 from . import workspace as workspace
@@ -34,7 +33,6 @@ from .errors import MissingPackageError as MissingPackageError
 from .errors import UnitWarning as UnitWarning
 from .grid import Grid as Grid
 from .opening import open as open  # noqa: A004
-from .opening import open_slice as open_slice
 from .robot import Robot as Robot
 from .rotations import Rotations as Rotations
 from .shapes.mesh import Mesh as Mesh

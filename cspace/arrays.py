@@ -44,9 +44,6 @@ BLOCKED: Final = 2
 STATE_NAMES: Final = ("free", "mixed", "blocked")
 """Names of the states, in the order of their values."""
 
-FIELD_NAME: Final = "penetration"
-"""Name of a map's overlap field in files."""
-
 COPY_BAND_BYTES: Final = 16
 """Bytes of a row that are copied at a time when a plane is transposed; 64 bytes take twice as long as 8 to 16."""
 

@@ -132,7 +132,7 @@ def build(
         ``docs/howto/large_maps.md``. The same call resumes an interrupted build. Overlap counts are not stored.
     tile : int or sequence of int
         Largest number of cells of a tile along each axis. The longest sides are halved until a tile has at most 2^28
-        cells.
+        states.
     client : dask.distributed.Client, optional
         Cluster whose workers make the tiles; threads of this process if left out. All workers must see the folder of
         the store.
@@ -177,32 +177,38 @@ def build(
     _check(workspace, robot, cells, method, counts, outside, workers)
     _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:
-        from cspace.tiles.build import Settings, build_tiles
+        from cspace.tiles.build import build_tiles
+        from cspace.tiles.space import TiledCSpace
 
         if counts:
             hint = "leave it out and build windows of the map with counts"
             raise InputError("counts", "is True with a store", "a store has no counts", hint, value=counts)
-        settings: Settings = {
-            "rotations": cells,
-            "inner": inner,
-            "method": method,
-            "outside": outside,
-            "margin": margin,
-            "client": client,
-            "workers": workers,
-            "progress": progress,
-        }
-        return build_tiles(workspace, robot, store, tile, settings)
+        folder = build_tiles(
+            workspace,
+            robot,
+            store,
+            tile,
+            build=build,
+            method=method,
+            inner=inner,
+            client=client,
+            workers=workers,
+            progress=progress,
+            rotations=cells,
+            outside=outside,
+            margin=margin,
+        )
+        return TiledCSpace(folder)
     if client is not None:
         hint = "pass store='map.zarr'"
         raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)
     workspace = workspace._in_memory()
     grid = workspace.grid
-    slice_of = cells._slices_for(robot.shape)
+    slice_of = cells.assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
     rasters_bytes = raster_bytes(robot, grid.spacing, margin, cells, slices)
     needed = map_bytes(grid.shape, slices, counts) + rasters_bytes
-    check_fits = partial(check_memory, grid=grid, fewer=cells._argument_for_fewer, slices=slices, rasters=rasters_bytes)
+    check_fits = partial(check_memory, grid=grid, fewer=cells.argument_for_fewer, slices=slices, rasters=rasters_bytes)
     check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
     rasters = slice_rasters(robot, grid.spacing, margin, cells)
     groups = group_rasters(rasters, inner)
@@ -255,7 +261,7 @@ def _check(
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
         hint = "use robot.footprint()" if robot.dim == 3 else "use a robot in space, or a workspace in the plane"
         raise InputError("robot", problem, "they must agree", hint, value=robot)
-    rotations._check_dimension(robot.dim)
+    rotations.check_dimension(robot.dim)
     if workers is not None:
         check_count(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")

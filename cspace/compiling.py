@@ -48,7 +48,7 @@ FILES_WITHOUT_KERNELS: Final = (
 )
 """Files that kernels depend on; the last three have constants that are compiled into kernels."""
 
-_KERNELS: Final = re.compile(rb"^@(kernel|allocating|jit|always_inline|compilable)\b", re.MULTILINE)
+_KERNELS: Final = re.compile(rb"^@(kernel|inlined|allocating)\b", re.MULTILINE)
 
 _CONFIG: Final[Any] = numba.config
 _CONFIG_LOCK: Final = threading.Lock()
@@ -62,6 +62,11 @@ def kernel(function: F) -> F:
     # Numba would count references to each array of a record at each call, which takes up to eight
     # times as long as the work.
     return _compile(function, _nrt=False)
+
+
+def inlined(function: F) -> F:
+    """Compile a short function into its callers, where a call would take as long as its body."""
+    return _compile(function, _nrt=False, forceinline=True)
 
 
 def allocating(function: F) -> F:

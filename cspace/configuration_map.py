@@ -1,4 +1,4 @@
-"""Queries of all certified maps, in memory or in a store."""
+"""Queries of all certified maps, in memory or in tiles."""
 
 from __future__ import annotations
 
@@ -33,7 +33,6 @@ from cspace.threads import MIN_ITEMS_PER_THREAD
 if TYPE_CHECKING:
     from cspace.exact.proofs import ExactQueries
     from cspace.map.contents import Contents
-    from cspace.store import Store
 
 
 Result = TypeVar("Result")
@@ -42,12 +41,11 @@ Result = TypeVar("Result")
 class Backend(Protocol):
     """Cells of a map, over which compiled kernels run."""
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query that runs a kernel.
 
         It runs over the rows of a batch. The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the
-        record of the map. ``passed`` is its result for a row if all cells it reads are FREE. Each thread gets at least
-        ``least`` rows.
+        record of the map. Each thread gets at least ``least`` rows.
         """
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
@@ -75,8 +73,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     @abstractmethod
-    def _kept(self) -> Contents | Store:
-        """Contents of the map in memory, or its store."""
+    def _kept(self) -> Contents:
+        """Contents of the map in memory, or what all tiles of a map share."""
 
     @property
     def grid(self) -> Grid:
@@ -193,7 +191,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Return True if a collision-free path is proven to exist between configurations.
 
         The proof is a chain of FREE cells. False proves nothing: see :meth:`is_disconnected`. Components of cells are
-        computed at the first call and cached; a map in a store caches them in the store.
+        computed at the first call and cached; a tiled map caches them in its folder.
 
         Parameters
         ----------
@@ -250,7 +248,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         The two masks have shape (...).
         """
-        return self._backend.at_one_moment(lambda: self._compute_connectivity(q0, q1))
+        return self._at_one_moment(lambda: self._compute_connectivity(q0, q1))
 
     def _compute_connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
         """Compute :meth:`_connectivity` while no update changes the cells."""
@@ -311,7 +309,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         from cspace.map.points import boxes_are_free
 
         reach = check_not_negative(distance, "distance"), check_not_negative(angle, "angle", "pass it in radians")
-        query = self._backend.query(boxes_are_free, *reach, passed=True)
+        query = self._backend.query(boxes_are_free, *reach)
         return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
     @overload
@@ -330,8 +328,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         The first query at a rotation computes the distances of all cells there, 4 bytes each, and so does the first one
         after an update: some 20 ms for a million cells.
 
-        In a map in a store, distances are limited to 64 cells in the plane and 16 in space, because a window is opened
-        around each configuration in turn.
+        Clearances in a tiled map are at most the width of the halo of a tile, less two cells, because all farther away
+        is unknown there.
 
         Parameters
         ----------
@@ -358,16 +356,20 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Plain values by name that describe the map, except its grid."""
 
     @property
-    @abstractmethod
     def _backend(self) -> Backend:
-        """The cells as input of kernels."""
+        """The cells as input of kernels, of a map in memory."""
+        raise NotImplementedError
+
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Run ``work`` on a consistent state of the map."""
+        return self._backend.at_one_moment(work)
 
     @cached_property
     def _states_query(self) -> Query:
         """Return the query that writes the state of each configuration."""
         from cspace.map.points import classify
 
-        return self._backend.query(classify, passed=FREE)
+        return self._backend.query(classify)
 
     def _classify(self) -> Query:
         return self._states_query
@@ -381,7 +383,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         if exact:
             return self._backend.query(self._exact.edges, least=MIN_EDGES_PER_THREAD)
-        return self._backend.query(edges_are_free, passed=True, least=MIN_EDGES_PER_THREAD)
+        return self._backend.query(edges_are_free, least=MIN_EDGES_PER_THREAD)
 
     @abstractmethod
     def _clearances(self) -> Query:
@@ -403,7 +405,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         They are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and may lie outside the grid.
         """
         cells = self.grid.cell_of(points[..., : self.grid.dim])
-        return np.concatenate([self.rotations._cells_of(points)[..., None], cells], axis=-1)
+        return np.concatenate([self.rotations.find_cells(points)[..., None], cells], axis=-1)
 
 
 def _bool_or_array(proven: Bools) -> bool | Bools:

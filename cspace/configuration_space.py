@@ -224,7 +224,7 @@ class ConfigurationSpace(SpaceView, ABC):
         """Split a planning problem into parts.
 
         Each part is a problem on a part of the space in memory. Return for each a function that opens the part, and two
-        configurations to join in it. Only a map in a store has several parts; see :class:`cspace.TiledCSpace`.
+        configurations to join in it. Only a tiled map has several parts; see :class:`cspace.TiledCSpace`.
         """
         return [(lambda: self, self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1"))]
 

@@ -35,12 +35,6 @@ SLICE_BYTES: Final = 2_500
 RASTER_CELL_BYTES: Final = {2: 4, 3: 10}
 """Memory for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4, and 8 to 11."""
 
-MIN_PACKED_SLICES: Final = 8
-"""Minimum number of slices for packed states, because each slice is made in bytes."""
-
-SCRATCH_BYTES: Final = 2**22
-"""Memory of a thread for slices that are not packed yet; slices larger than that are made by all threads together."""
-
 MAX_MEMORY_FRACTION: Final = 0.95
 """Maximum fraction of the free memory that work may use."""
 

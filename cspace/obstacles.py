@@ -23,7 +23,7 @@ from cspace.arrays import Bools, Box, Ints
 from cspace.check import check_cells, check_dims
 from cspace.errors import FileError
 from cspace.files.access import decoding
-from cspace.files.chunks import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chunk
+from cspace.files.zarr_folders import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chunk
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
 
@@ -50,10 +50,6 @@ class Source(Protocol):
     def stamp(self) -> str:
         """Digest that changes when the cells change."""
 
-    @property
-    def same(self) -> bool:
-        """Whether outer and inner cells are one array."""
-
 
 class CellsInMemory:
     """Cells in memory.
@@ -63,7 +59,6 @@ class CellsInMemory:
 
     def __init__(self, outer: Bools, inner: Bools) -> None:
         self.outer, self.inner = outer, inner
-        self.same = inner is outer
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         """Return the outer and inner cells of a box."""
@@ -85,8 +80,6 @@ class LazyCells:
     The array is of zarr, dask, h5py, xarray or ``numpy.memmap``. It is boolean, or has values 0 and 1, and is indexed
     [x, y] or [x, y, z].
     """
-
-    same: Final = True
 
     def __init__(self, array: Any, digest: str = "") -> None:
         self.array, self.shape, self._digest = array, tuple(int(n) for n in array.shape), digest
@@ -258,8 +251,6 @@ class ShapeCells:
 
     A spatial index finds the parts near a box.
     """
-
-    same: Final = False
 
     def __init__(self, shape: Shape, grid: Grid) -> None:
         self.shape, self.grid = shape, grid

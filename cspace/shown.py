@@ -141,12 +141,29 @@ class MapExport(NotebookPicture):
         """
         return resolve_name("cspace.export.maps:to_xarray")(self._contents)
 
-    def save(self, path, *, overwrite=False):
-        """Save as a Zarr folder, which :func:`cspace.open` reads.
+    def save(self, path, *, overwrite=False, compress=True):
+        """Save as a Zarr folder, complete or not at all.
 
-        See :func:`cspace.store.save`.
+        :func:`cspace.open`, ``xarray.open_zarr`` and any other reader of Zarr version 3 open it.
+
+        Parameters
+        ----------
+        path : path-like
+            The name ends in ``.zarr`` or has no suffix.
+        overwrite : bool
+            True to replace an existing map; other folders are never replaced.
+        compress : bool
+            True to compress the arrays by zstd; False to write raw bytes.
+
+        Raises
+        ------
+        InputError
+            If the name has another suffix.
+        FileError
+            If the output exists and may not be replaced, or cannot be written.
         """
-        self._write(partial(resolve_name("cspace.store:save"), path=path, overwrite=overwrite), exterior=True)
+        options = {"path": path, "overwrite": overwrite, "compress": compress}
+        self._write(partial(resolve_name("cspace.save:save"), **options), exterior=True)
 
     def export(self, path, *, overwrite=False, rotation=None):
         """Write the map for other programs, in the format of the suffix.

@@ -35,8 +35,8 @@ from cspace.map.callbacks import NOT_USABLE
 from cspace.map.contents import Contents
 from cspace.map.derived import derived, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
+from cspace.map.record import Map, make_record
 from cspace.map.storage import (
-    Map,
     check_bytes,
     count_states,
     read_only,
@@ -53,11 +53,10 @@ if TYPE_CHECKING:
     from cspace.exact.proofs import ExactQueries
     from cspace.map.components import Components
     from cspace.map.distance import DistanceMap, Distances
-    from cspace.map.overlaps import Runs, Sums
+    from cspace.map.overlaps import RobotRows
     from cspace.map.sampling import FreeCells
     from cspace.map.search import Costs
     from cspace.obstacles import ObstacleLayers
-    from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Update, Updater
 
 
@@ -76,7 +75,7 @@ class MemoryBackend:
     map_: Map
     lock: Any
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query; see :class:`cspace.configuration_map.Backend`."""
         return in_threaded_chunks(partial(kernel, self.map_, *arguments), least)
 
@@ -192,7 +191,7 @@ class CSpace(ConfigurationMap, MapExport):
         radians, or a quaternion.
         """
         part: States = self._seen[
-            int(self._slice_of[self.rotations._cells_of(self.rotations._check_rotation(rotation))])
+            int(self._slice_of[self.rotations.find_cells(self.rotations.check_rotation(rotation))])
         ]
         return part
 
@@ -211,21 +210,19 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def _facts(self) -> dict[str, object]:
         """Plain values by name that describe the map."""
-        grid, rotations, states, field = self.grid, self.rotations, self._seen, self._contents.field
-        arrays: list[Any] = [states, *(each for each in (field, self.overlap_counts) if each is not None)]
+        grid, rotations, states, counts = self.grid, self.rotations, self._seen, self.overlap_counts
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = count_states(states)[:, FREE][self._slice_of]
-        mean = float(free @ rotations._volumes / rotations._volumes.sum()) * grid.spacing**grid.dim
+        mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
         return {
             **({"slices": len(states)} if rotations.names else {}),
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
             filled: mean,
             "precision": self.precision,
-            "overlap_counts": self.overlap_counts is not None,
-            **({"overlap_field": True} if field is not None else {}),
-            "memory_bytes": sum(array.nbytes for array in arrays),
+            "overlap_counts": counts is not None,
+            "memory_bytes": states.nbytes + (0 if counts is None else counts.nbytes),
         }
 
     def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
@@ -280,7 +277,7 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
-        inside: Bools = sums == counts[self._slice_of[self.rotations._cells_of(np.asarray(q, dtype=np.float64))]]
+        inside: Bools = sums == counts[self._slice_of[self.rotations.find_cells(np.asarray(q, dtype=np.float64))]]
         return inside if inside.ndim else bool(inside)
 
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
@@ -308,7 +305,7 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If the interior of a mesh depends on the spacing, or an argument is invalid.
         """
-        from cspace.map.points import classify_few
+        from cspace.map.points import classify
 
         points = as_points(q, "q", self.size)
         rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
@@ -319,7 +316,7 @@ class CSpace(ConfigurationMap, MapExport):
                 raise InputError(name, f"is {given!r}", "it must be zero or above", hint, value=given)
             spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
-        if classify_few(self._kernel_map, rows, states) >= 0:
+        if classify(self._kernel_map, rows, states) >= 0:
             self._check_configurations(points)  # raises
         left = rows[states != FREE]
         if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
@@ -505,7 +502,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
         endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
         dim = self.grid.dim
-        if not self.rotations._steps_between(*endpoints)[dim:].any():
+        if not self.rotations.steps_between(*endpoints)[dim:].any():
             endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
         if straight and self.edge_checker()(*endpoints[0], *endpoints[1]):
             return endpoints
@@ -572,7 +569,7 @@ class CSpace(ConfigurationMap, MapExport):
         dim, rotations = self.grid.dim, self.rotations
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
-        turns = rotations._neighbors, self._turn_costs
+        turns = rotations.neighbors, self._turn_costs
         factors = NO_FACTORS if factors is None else factors
         cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors=factors)
         if not len(cells):
@@ -703,7 +700,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
-        fewer = self.rotations._argument_for_fewer
+        fewer = self.rotations.argument_for_fewer
         check_memory(needed, "the map, to search it by clearance,", self.grid, fewer=fewer)
         return self._distances.array()
 
@@ -794,7 +791,7 @@ class CSpace(ConfigurationMap, MapExport):
         The first update copies the cells of the workspace, so that the :class:`Workspace` passed to the build, and
         other maps of it, do not change. :attr:`workspace` then has the current cells; its ``shapes`` are None, and
         queries with ``exact=True`` use the outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top.
-        Overlap counts and an overlap field are dropped, because they belong to the old obstacles. A map built without
+        Overlap counts are dropped, because they belong to the old obstacles. A map built without
         ``inner`` gets no BLOCKED cells, also after it is saved and opened.
 
         All data that the map derives from its cells, such as components, distances and the geometry for ``exact=True``,
@@ -950,52 +947,14 @@ class CSpace(ConfigurationMap, MapExport):
         """Drop all data that depend on the cells, and take over the workspace of an update."""
         contents = self._contents
         same = contents.workspace is workspace and contents.layers is layers
-        if not same or contents.field is not None or contents.prove is not None:
-            # Overlap counts and fields, and the arm of a joint map, belong to the obstacles before the update.
-            dropped: dict[str, Any] = {"overlap_counts": None, "field": None, "prove": None}
-            self._contents = replace(contents, workspace=workspace, layers=layers, **dropped)
+        if not same or contents.prove is not None:
+            # Overlap counts, and the arm of a joint map, belong to the obstacles before the update.
+            self._contents = replace(contents, workspace=workspace, layers=layers, overlap_counts=None, prove=None)
         derived.drop(self)
         # Checkers of planners hold these two objects.
         for part in ("_distances", "_exact"):
             if part in vars(self):
                 vars(self)[part].drop()
-
-    # ---- overlap fields ----------------------------------------------------------------------------------------------
-
-    def with_overlap_field(self, overlap: FourierOverlap) -> CSpace:
-        """Return a copy of the map with an overlap field.
-
-        The field has the overlap at the center of each cell. It is saved and exported with the map;
-        :class:`planners.OverlapObjective` uses it.
-
-        Parameters
-        ----------
-        overlap : cspace.spectral.FourierOverlap
-            Overlap of the robot's balls, in the robot's frame, with the obstacles' balls, in the map's frame.
-
-        Raises
-        ------
-        InputError
-            If the overlap is in the plane and the map is in space, or the other way around, or memory is too small.
-        MissingPackageError
-            If finufft is needed, for many balls of one radius, and is not installed.
-        """
-        from cspace.spectral.overlap import OverlapField
-
-        values = OverlapField.of(self, overlap).values
-        with self._lock:  # an update waits
-            return CSpace(replace(self._contents.copy(), field=values), self._rasters)
-
-    @property
-    def overlap_field(self) -> OverlapField | None:
-        """Overlap field of the map, or None.
-
-        It has the overlap of the robot's balls with the obstacles' at the center of each cell.
-        """
-        from cspace.spectral.overlap import OverlapField
-
-        values = self._contents.field
-        return None if values is None else OverlapField(self, values)
 
     # ---- for files and messages --------------------------------------------------------------------------------------
 
@@ -1042,16 +1001,7 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
-        grid, rotations = self.grid, self.rotations._compile(self._slice_of)
-        return Map(
-            self._seen,
-            self._seen.reshape(-1),
-            rotations,
-            grid.lower,
-            grid.spacing,
-            grid.upper,
-            self._exterior.table,
-        )
+        return make_record(self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of))
 
     @lazy
     def _exact(self) -> ExactQueries:
@@ -1080,37 +1030,37 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.components import Components
 
         exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
-        return Components(self._seen, self._slice_of, self.rotations._neighbors, exterior_open)
+        return Components(self._seen, self._slice_of, self.rotations.neighbors, exterior_open)
 
     @lazy
     def _distances(self) -> DistanceMap:
         """Distances of cells to those that are not FREE; they follow updates."""
         from cspace.map.distance import BYTES_PER_CELL, DistanceMap
 
-        needed, fewer = BYTES_PER_CELL * self._seen.size, self.rotations._argument_for_fewer
+        needed, fewer = BYTES_PER_CELL * self._seen.size, self.rotations.argument_for_fewer
         check_memory(needed, "the map, with the clearance of its cells,", self.grid, fewer=fewer)
         return DistanceMap(self._seen, self._exterior.table, self._lock)
 
     @lazy
-    def _runs(self) -> Runs:
-        """Runs of the outer rasters."""
-        from cspace.map.overlaps import Runs
+    def _robot_rows(self) -> RobotRows:
+        """Rows of the outer rasters, for overlap counts."""
+        from cspace.map.overlaps import RobotRows
 
-        return Runs.of([outer for outer, _ in self._rasters])
-
-    @derived
-    def _outer_sums(self) -> Sums:
-        """Sums of the outer cells, for overlap counts."""
-        from cspace.map.overlaps import Sums
-
-        return Sums(self.workspace.outer)
+        return RobotRows.of([outer for outer, _ in self._rasters])
 
     @derived
-    def _inner_sums(self) -> Sums:
-        """Sums of the inner cells, for overlap counts."""
-        from cspace.map.overlaps import Sums
+    def _outer_sums(self) -> NDArray[np.int32]:
+        """Running counts of the outer cells, for overlap counts."""
+        from cspace.map.overlaps import sum_columns
 
-        return Sums(self.workspace.inner)
+        return sum_columns(self.workspace.outer)
+
+    @derived
+    def _inner_sums(self) -> NDArray[np.int32]:
+        """Running counts of the inner cells, for overlap counts."""
+        from cspace.map.overlaps import sum_columns
+
+        return sum_columns(self.workspace.inner)
 
     @derived
     def _free_cells(self) -> FreeCells:
@@ -1179,20 +1129,19 @@ class CSpace(ConfigurationMap, MapExport):
             bad = self._classify()(parts, np.empty(len(out), dtype=np.uint8))
             if bad >= 0:
                 return bad
-            slices = np.unique(self._slice_of[self.rotations._cells_of(np.asarray(parts[0]))])
+            slices = np.unique(self._slice_of[self.rotations.find_cells(np.asarray(parts[0]))])
             table = self._distances.of_slices(slices.tolist())
         return self._backend.query(clearances, table)(parts, out)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         """Count the overlaps of the robot with outer or inner cells."""
-        from cspace.map.overlaps import overlaps
+        from cspace.map.overlaps import count_overlaps
 
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
         exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
-        workspace = self.workspace
-        outer = side == "outer" or workspace.inner is workspace.outer
-        sums = self._outer_sums if outer else self._inner_sums
-        query = self._backend.query(overlaps, sums.counts, self._runs, int(exterior_blocked))
+        has_one_side = self.workspace.inner is self.workspace.outer
+        sums = self._outer_sums if side == "outer" or has_one_side else self._inner_sums
+        query = self._backend.query(count_overlaps, sums, self._robot_rows, int(exterior_blocked))
         return evaluate_batch(q, self.size, query, np.int64, int, angles=self._angles)
 
     def _in_grid(self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False) -> Floats:
@@ -1200,7 +1149,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises ConfigurationError otherwise.
         """
-        point = self.rotations._make_canonical(self._check_configurations(q, name), name)
+        point = self.rotations.make_canonical(self._check_configurations(q, name), name)
         is_inside = point.ndim == 1 and self.grid.contains(point[: self.grid.dim])
         if not is_inside or (free and not self.is_free(point, exact=exact)):
             kind = ("free " if exact else "FREE ") if free else ""

@@ -13,7 +13,7 @@ import shapely
 import cspace
 import planners
 from cspace.plot import save_plot
-from cspace.spectral import FourierOverlap, decompose
+from cspace.spectral import FourierOverlap, OverlapField, decompose
 
 # %%
 # A shelf, a pillar, and a cart that does not rotate.
@@ -25,10 +25,15 @@ workspace = cspace.Workspace.from_polygons([shelf, pillar], spacing=0.05, bounds
 space = cspace.build(workspace, cspace.Robot.polygon(cart))
 
 # %%
-# The overlap is a field on the map; the map still decides which cells are FREE.
+# The overlap is a field beside the map; the map still decides which cells are FREE.
 
 balls = [decompose(shape, kind="outer", number=48) for shape in (cart, shapely.union_all([shelf, pillar]))]
-space = space.with_overlap_field(FourierOverlap.of_shapes(*balls, swell=0.3))
+field = OverlapField.of(space, FourierOverlap.of_shapes(*balls, swell=0.3))
+
+
+def by_overlap(si):
+    return planners.OverlapObjective(si, space, field)
+
 
 # %%
 # The map's own search takes milliseconds. The overlap is for OMPL's planners that optimise, which use their whole time
@@ -38,7 +43,7 @@ start, goal = (1.0, 4.3), (7.3, 0.6)
 plans = {
     "length": planners.plan(space, start, goal),
     "clearance": planners.plan(space, start, goal, objective="clearance"),
-    "overlap": planners.plan(space, start, goal, planner="RRTstar", objective="overlap", time_limit=2, seed=1),
+    "overlap": planners.plan(space, start, goal, planner="RRTstar", objective=by_overlap, time_limit=2, seed=1),
     "widest": planners.plan(space, start, goal, planner="MaxClearance"),
 }
 for name, plan in plans.items():

@@ -199,7 +199,7 @@ class FreeStateSampler(ob.ValidStateSampler):
             return False
         for _ in range(max(1, self.getNrAttempts())):
             q = [min(low + next(numbers) * (high - low), high) for low, high in box]
-            q += rotations._sample_near(center[dim:], min(distance, math.pi), numbers)
+            q += rotations.sample_near(center[dim:], min(distance, math.pi), numbers)
             if self._is_free(*q):
                 self._kind.write(state, *q)
                 return True

@@ -18,8 +18,8 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints
 from cspace.compiling import allocating, kernel
-from cspace.map.points import around_is_free
-from cspace.map.storage import Map
+from cspace.map.points import around_is_free, position_in_plane
+from cspace.map.record import Map
 from cspace.rotations.base import TWO_PI
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
@@ -87,7 +87,7 @@ def prove_length(
     # The driven curve stays this close to ours, however the gap spreads along it and from whichever end it starts.
     spare = (gap if count == 1 else MAX_GAP) * (1.0 + shortest + TIE_TOLERANCE) + POINT_ERROR
     for end in (q0, q1):
-        if not around_is_free(map_, end, spare * radius, spare):
+        if not pose_is_free(map_, end, spare * radius, spare):
             return -1.0
     for row in range(count):
         if not word_is_free(map_, radius, q0, steering[row], lengths[row], spare):
@@ -112,10 +112,17 @@ def curve_cost(
         steps = math.ceil(radius * abs(length) / longest)
         for step in range(steps):
             u, v, yaw = advance(pose, steering[k], length * (step + 0.5) / steps)
-            cost = cost_at(map_, field, density, (x0 + radius * u, y0 + radius * v, yaw))
+            position = position_in_plane(map_, x0 + radius * u, y0 + radius * v)
+            cost = cost_at(map_, field, density, position, (yaw,))
             total += cost * radius * abs(length) / steps
         pose = advance(pose, steering[k], length)
     return total
+
+
+@kernel
+def pose_is_free(map_: Map, pose: Pose, distance: float, angle: float) -> bool:
+    """Return True if all poses within ``distance`` and ``angle`` of another are proven free."""
+    return around_is_free(map_, position_in_plane(map_, pose[0], pose[1]), (pose[2],), distance, angle)
 
 
 @kernel
@@ -138,11 +145,11 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
             half = 0.5 * piece
             u, v, yaw = advance(pose, steer, sign * (done + half))
             center = (q0[0] + radius * u, q0[1] + radius * v, yaw)
-            if around_is_free(map_, center, (half + spare) * radius, (half if steer != 0 else 0.0) + spare):
+            if pose_is_free(map_, center, (half + spare) * radius, (half if steer != 0 else 0.0) + spare):
                 if last:
                     break
                 done, step = done + piece, min(2.0 * step, longest)
-            elif piece <= shortest or not around_is_free(map_, center, spare * radius, spare):
+            elif piece <= shortest or not pose_is_free(map_, center, spare * radius, spare):
                 return False
             else:
                 step = half

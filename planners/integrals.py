@@ -8,24 +8,32 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats
+from cspace.arrays import Floats, Numbers, Row
 from cspace.compiling import kernel
+from cspace.map.callbacks import MAX_SIZE, bind_kernel, position_before, rotation_before
 from cspace.map.distance import DistanceMap, DistanceTable, clearance_at
-from cspace.map.edges import between
-from cspace.map.points import Numbers, replaced
-from cspace.map.storage import Map
-from cspace.rotations.records import bind_kernel, dispatch_on_type
+from cspace.map.edges import position_along
+from cspace.map.record import Map
+from cspace.rotations.lookup import arc_angle_and_error, rotation_along
 from cspace.space import CSpace
-from cspace.spectral.overlap import field_at
+from cspace.spectral.field import field_at
 
 Field = DistanceMap | Floats | None
-"""Source of a value at each configuration: the clearance, by distances; an array of cells; or none (zero)."""
+"""Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none (zero)."""
 
-Values = DistanceTable | Floats | None
-"""A field as kernels take it."""
+NO_VALUES, CLEARANCES, OVERLAPS = 0, 1, 2
+"""Kinds of :class:`Values`."""
 
 MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 """Largest rotation of an integration step, in radians (5 degrees)."""
+
+
+class Values(NamedTuple):
+    """A field as kernels take it; what its kind does not need is empty."""
+
+    kind: int
+    distances: DistanceTable
+    overlaps: Floats
 
 
 class CostDensity(NamedTuple):
@@ -42,66 +50,58 @@ class CostDensity(NamedTuple):
     by_metre: bool = False
 
 
-def value_at(field: Values, map_: Map, q: Numbers) -> float:
-    """Return a field's value; compiled code dispatches on its type."""
-    raise NotImplementedError
-
-
-def _no_value(field: None, map_: Map, q: Numbers) -> float:
-    return 0.0
-
-
-def _clearance(field: DistanceTable, map_: Map, q: Numbers) -> float:
-    return clearance_at(map_, field, q)
-
-
-def _overlap(field: Floats, map_: Map, q: Numbers) -> float:
-    return field_at(map_, field, q)
-
-
-dispatch_on_type(value_at, {object: _no_value, DistanceTable: _clearance, np.ndarray: _overlap})
-
-
 @kernel
-def cost_at(map_: Map, field: Values, density: CostDensity, q: Numbers) -> float:
+def cost_at(map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers) -> float:
     """Return the cost of a metre at a configuration."""
-    penalty = max(0.0, density.offset + density.slope * value_at(field, map_, q))
+    value = 0.0
+    if values.kind == CLEARANCES:
+        value = clearance_at(map_, values.distances, position, rotation)
+    elif values.kind == OVERLAPS:
+        value = field_at(map_, values.overlaps, position, rotation)
+    penalty = max(0.0, density.offset + density.slope * value)
     return 1.0 + density.weight * penalty * penalty
 
 
 @kernel
-def straight_edge_cost(map_: Map, field: Values, density: CostDensity, both: Numbers) -> float:
-    """Integrate the cost along a straight edge between ``both`` configurations.
+def straight_edge_cost(map_: Map, values: Values, density: CostDensity, size: int, both: Numbers) -> float:
+    """Integrate the cost along a straight edge.
 
-    The midpoint rule has steps of at most one cell and 5 degrees.
+    ``both`` are the numbers of its ends, each of length ``size``, after zeros. The midpoint rule has steps of at most
+    one cell and 5 degrees.
     """
-    q0 = map_.lower + map_.rotations.zeros()
-    q1, size, dim, square = q0, len(q0), len(map_.lower), 0.0
-    for axis in range(size):
-        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[size + axis])
-    for axis in range(dim):
-        square += (q1[axis] - q0[axis]) ** 2
-    metres, angle = math.sqrt(square), map_.rotations.arc_angle_and_error(q0, q1, 0)[0]
+    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
+    p0, r0 = position_before(map_, both, middle), rotation_before(map_.rotations.borders, both, middle)
+    p1, r1 = position_before(map_, both, end), rotation_before(map_.rotations.borders, both, end)
+    metres = math.sqrt((p1[0] - p0[0]) ** 2 + (p1[1] - p0[1]) ** 2 + (p1[2] - p0[2]) ** 2)
+    angle = arc_angle_and_error(r0, r1, 0)[0]
     steps, total = max(1, math.ceil(max(metres / map_.spacing, angle / MAX_RADIANS_PER_STEP))), 0.0
     for k in range(steps):
         t = (k + 0.5) / steps
-        q = map_.rotations.turned(q0, q1, 0, t)
-        for axis in range(dim):
-            q = replaced(q, axis, between(q0[axis], q1[axis], t))
-        total += cost_at(map_, field, density, q)
+        rotation = rotation_along(r0, r1, 0, t)
+        total += cost_at(map_, values, density, position_along(p0, p1, t), rotation)
     return (1.0 if density.by_metre else metres + density.rotation_weight * angle) * total / steps
 
 
 def make_edge_cost(space: CSpace, field: Field, density: CostDensity) -> Callable[..., float]:
     """Make ``cost(*q0, *q1)``, the cost of straight edges."""
-    return bind_cost(straight_edge_cost, space, field, density)
+    padding = (0.0,) * (2 * (MAX_SIZE - space.size))
+    cost = bind_cost(straight_edge_cost, space, field, density, space.size, count=2 * MAX_SIZE)
+    return lambda *both: cost(*padding, *both)
 
 
-def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:
-    """Make ``cost(*q0, *q1)`` from ``kernel(map, values, *fixed, both)``; it follows changes of the map."""
+def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any, count: int) -> Callable[..., float]:
+    """Make a function of ``count`` numbers from ``kernel(map, values, *fixed, numbers)``.
+
+    It follows changes of the map.
+    """
+    no_distances = DistanceTable(np.empty(0, dtype=np.float32), np.empty((0, 2, space.grid.dim)))
 
     def values() -> Values:
-        return field.whole() if isinstance(field, DistanceMap) else field
+        if isinstance(field, DistanceMap):
+            return Values(CLEARANCES, field.whole(), np.empty(0))
+        if field is None:
+            return Values(NO_VALUES, no_distances, np.empty(0))
+        return Values(OVERLAPS, no_distances, field.reshape(-1))
 
-    query = bind_kernel(kernel, (space._kernel_map,), values(), *fixed, (0.0,) * (2 * space.size))
-    return lambda *both: query(values(), *fixed, both)
+    query = bind_kernel(kernel, (space._kernel_map,), values(), *fixed, (0.0,) * count)
+    return lambda *numbers: query(values(), *fixed, numbers)

@@ -27,11 +27,11 @@ from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace.compiling import clock, kernel
 from cspace.map.edges import edge_is_free
 from cspace.map.paths import MAX_SHORTENING_SECONDS, pulled_straight
-from cspace.map.points import around_is_free
+from cspace.map.points import position_in_plane
+from cspace.map.record import Map
 from cspace.map.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
-from cspace.map.storage import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
-from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, word_is_free
+from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, pose_is_free, word_is_free
 from planners.local_planner import EdgesOnMap, Endpoints
 
 MAX_STEP_CELLS: Final = 2
@@ -517,7 +517,7 @@ def expand_nodes(map_: Map, motions: Motions, radius: float | None, guide: Guide
             next_x, next_y = x + motions.offsets[heading, move, 0], y + motions.offsets[heading, move, 1]
             if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * motions.side:
                 next_x, next_y = goal[0], goal[1]  # else rounding would give the last edge a heading
-            if map_.lower[0] <= next_x <= map_.upper[0] and map_.lower[1] <= next_y <= map_.upper[1]:
+            if map_.lower[1] <= next_x <= map_.upper[1] and map_.lower[2] <= next_y <= map_.upper[2]:
                 q = (next_x, next_y, motions.headings[after])
                 add_node(map_, motions, radius, guide, nodes, q, after, total, node, move)
         is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
@@ -545,7 +545,7 @@ def add_node(
     heading have a node that is hardly dearer than ``cost``.
     """
     progress, side = nodes.progress, motions.side
-    i, j = math.floor((q[0] - map_.lower[0]) / side), math.floor((q[1] - map_.lower[1]) / side)
+    i, j = math.floor((q[0] - map_.lower[1]) / side), math.floor((q[1] - map_.lower[2]) / side)
     key = ((i << KEY_BITS) + j) * len(motions.headings) + heading
     slot = (key * HASH_FACTOR >> 20) & (len(nodes.table) - 1)
     while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot]] != key:
@@ -579,8 +579,9 @@ def motion_is_free(
     p = (nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2])
     # Numba leaves the branch of cars out if there is no radius.
     if radius is None:
-        return edge_is_free(map_, p, q)
-    if not around_is_free(map_, q, ARC_ERROR * radius, ARC_ERROR):
+        start, end = position_in_plane(map_, p[0], p[1]), position_in_plane(map_, q[0], q[1])
+        return edge_is_free(map_, start, (p[2],), end, (q[2],))
+    if not pose_is_free(map_, q, ARC_ERROR * radius, ARC_ERROR):
         return False
     return word_is_free(map_, radius, p, motions.steering[move], motions.lengths[move], ARC_ERROR)
 
@@ -588,8 +589,8 @@ def motion_is_free(
 @kernel
 def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, heading: int) -> float:
     """Estimate the cost from a position and heading to the goal."""
-    i = math.floor((x - map_.lower[0]) / map_.spacing) + MAX_STEP_CELLS
-    j = math.floor((y - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
+    i = math.floor((x - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
+    j = math.floor((y - map_.lower[2]) / map_.spacing) + MAX_STEP_CELLS
     straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
     k = motions.nearest[heading]
     if guide.reached[k, i, j] == 0:

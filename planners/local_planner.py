@@ -30,8 +30,8 @@ from cspace.check import check_finite, check_flag, check_positive, check_word
 from cspace.configuration_space import ConfigurationSpace
 from cspace.engines.slices import narrower_rotations
 from cspace.errors import ConfigurationError, InputError
+from cspace.map.callbacks import bind_kernel
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
-from cspace.rotations.records import bind_kernel
 from cspace.space import CSpace
 from cspace.words import Drive
 from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
@@ -336,7 +336,7 @@ class EdgesOnMap(LocalPlanner):
 
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which proves a configuration free."""
-        return self.space.point_checker(exact=self.exact)
+        return map_in_memory(self.space, "point_checker").point_checker(exact=self.exact)
 
     def clearance_checker(self) -> Callable[..., float]:
         """Make ``clearance(*q)``, a lower bound of the clearance, metres."""
@@ -364,7 +364,7 @@ class EdgesOnMap(LocalPlanner):
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the lengths of all free paths from below."""
         space, dim = self.space, self.space.grid.dim
-        steps = space.rotations._steps_between(first, last)
+        steps = space.rotations.steps_between(first, last)
         metres = space.min_path_length(first, last) if self.in_memory else float(np.linalg.norm(steps[:dim]))
         return (1.0 - LENGTH_ROUNDING_SHARE) * (metres + self.rotation_weight * float(np.linalg.norm(steps[dim:])))
 
@@ -377,7 +377,7 @@ class EdgesOnMap(LocalPlanner):
         """
         space, dim = self.space, self.space.grid.dim
         pieces = self.split_path(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
-        rows, cells = space.rotations._cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
+        rows, cells = space.rotations.find_cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
         q = pieces.centers[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is constant in a rotation cell
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
@@ -385,10 +385,12 @@ class EdgesOnMap(LocalPlanner):
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below, metres.
 
-        Returns NaN if the map has no geometry. Each edge is split into pieces on which no point of the robot moves by
-        more than half a cell. Each point stays within a quarter of a cell of its position at the piece's center. The
-        distance there minus that much bounds the piece.
+        Returns NaN if the map has no geometry, or is tiled. Each edge is split into pieces on which no point of the
+        robot moves by more than half a cell. Each point stays within a quarter of a cell of its position at the piece's
+        center. The distance there minus that much bounds the piece.
         """
+        if not self.in_memory:
+            return math.nan
         space, step = self.space, 0.25 * self.space.grid.spacing
         pieces = self.split_path(path, step, step / max(space.robot.span, step))
         try:
@@ -405,7 +407,7 @@ class EdgesOnMap(LocalPlanner):
         """
         space = self.space
         given = self._check_size(q, name)
-        point: Configuration = tuple(space.rotations._make_canonical(given, name).tolist())
+        point: Configuration = tuple(space.rotations.make_canonical(given, name).tolist())
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
         if inside and self.straight_checker()(*point, *point):
@@ -490,9 +492,7 @@ class StraightEdges(EdgesOnMap):
             return Pieces(path, np.zeros(1), np.zeros(1))
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
-        centers = self.space.rotations._add_steps(
-            path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge]
-        )
+        centers = self.space.rotations.add_steps(path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge])
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
@@ -505,7 +505,7 @@ class StraightEdges(EdgesOnMap):
         counts = np.where(radians > 0.0, counts, 1)
         edge, index = _index_pieces(counts)
         rotations, shares = self.space.rotations, (index / counts[edge])[:, None]
-        rows = rotations._make_canonical(rotations._add_steps(path[:-1][edge], shares * steps[edge]))
+        rows = rotations.make_canonical(rotations.add_steps(path[:-1][edge], shares * steps[edge]))
         rows[index == 0] = path[:-1]
         return np.concatenate([rows, path[-1:]]), None
 
@@ -517,7 +517,7 @@ class StraightEdges(EdgesOnMap):
 
     def _displacements(self, starts: Floats, ends: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the displacements along straight edges, and their metres and radians."""
-        dim, steps = self.space.grid.dim, self.space.rotations._steps_between(starts, ends)
+        dim, steps = self.space.grid.dim, self.space.rotations.steps_between(starts, ends)
         return steps, np.linalg.norm(steps[:, :dim], axis=1), np.linalg.norm(steps[:, dim:], axis=1)
 
 
@@ -782,7 +782,7 @@ class CarCurves(EdgesOnMap):
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius))
+        return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius), count=6)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.
@@ -922,6 +922,14 @@ def local_planner(
         hint = "for a robot that turns on the spot, use drive='differential'"
         raise InputError("turning_radius", f"is {radius!r}", rule, hint, value=radius)
     return curves
+
+
+def map_in_memory(space: object, needed_by: str) -> CSpace:
+    """Return a map; raise ConfigurationError if it stays in its folder."""
+    if isinstance(space, CSpace):
+        return space
+    hint = "use a part of it: space.window(lower, upper)"
+    raise ConfigurationError(needed_by, "needs a map in memory", "this one stays in its folder", hint)
 
 
 def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:

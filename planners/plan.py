@@ -158,7 +158,7 @@ def plan(
     FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no
     path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
 
-    *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
+    *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
     part of each common face. Only tiles on the way are opened, and the time limit holds for each tile. If the drive is
     holonomic, "Grid" takes over in tiles where the planner finds no path. Straight paths are then shortened as a whole.
     Objectives and drives apply tile by tile; ``exact`` needs a map in memory.
@@ -198,7 +198,7 @@ def plan(
         - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE cells join start and
           goal; deterministic.
         - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and of these the
-          shortest; deterministic unless the time limit ends it; not for maps in a store.
+          shortest; deterministic unless the time limit ends it; not for tiled maps.
         - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others (2008); deterministic.
         - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code. It goes on to
           shorten its path while that gains 1 %, at most until the time limit; not with ``simplify=False``.
@@ -379,7 +379,7 @@ def _check_built_in_search(task: _Task) -> None:
         raise InputError("planner", problem, rule, "use planner='Grid', or pass drive='differential'", value=name)
     if name == MAX_CLEARANCE and not edges.in_memory:
         rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
-        raise InputError("planner", f"is {name!r} and the map is in a store", rule, hint, value=name)
+        raise InputError("planner", f"is {name!r} and the map is tiled", rule, hint, value=name)
     keeps_away = name == GRID and task.objective == CLEARANCE
     needs_free_cells = keeps_away or name in (MAX_CLEARANCE, LATTICE)
     why = f" for objective={CLEARANCE!r}" * keeps_away
@@ -621,7 +621,7 @@ def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
         # From the cell of q on.
         cell = int(rotations.cell_of(q[2]))
         yaws = np.roll(rotations.centers[:, 0], -cell)
-        bounds = np.roll(np.asarray(rotations._coordinates["yaw_bounds"]), -cell, axis=0)
+        bounds = np.roll(np.asarray(rotations.stored_arrays["yaw_bounds"]), -cell, axis=0)
         free = edges.space.is_free(np.column_stack([np.tile(q[:2], (len(yaws), 1)), yaws]))
         if free.all() or not free[0]:
             continue

@@ -185,7 +185,7 @@ class Plan:
         arm, distances between links count too. The bound is at most a quarter of a cell below the true minimum, and at
         least the margin. It is infinite if there is no obstacle, and zero if the path is no longer proven free.
 
-        NaN if not solved, or if the map was left behind (except for an arm) or lies in a store. Also NaN if the
+        NaN if not solved, or if the map was left behind (except for an arm) or is tiled. Also NaN if the
         interior of a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
@@ -476,7 +476,7 @@ class Plan:
     @property
     def _moves_joints(self) -> bool:
         """Whether configurations are joint positions instead of poses."""
-        known = {"x", "y", "z", *Rotations._all_names()}
+        known = {"x", "y", "z", *Rotations.all_names()}
         return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
 
     def _check_solved(self, rule: str) -> None:

@@ -388,7 +388,7 @@ def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
         # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
         cosines = (starts[:-1, -4:] * starts[1:, -4:]).sum(axis=1)
         starts[:, -4:] *= np.cumprod([1.0, *np.where(cosines < 0.0, -1.0, 1.0)])[:, np.newaxis]
-    steps = rotations._steps_between(starts[:-1], starts[1:])
+    steps = rotations.steps_between(starts[:-1], starts[1:])
     return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
 
 
@@ -496,7 +496,7 @@ def _evaluate(segments: Segments, phases: Phases, rotations: Rotations, t: Float
     half = 0.5 * curvatures * length
     steps = _turn(rates, half) * length[:, np.newaxis]
     steps[:, :2] *= np.sinc(half / np.pi)[:, np.newaxis]  # the chord of an arc, over the arc
-    positions = rotations._add_steps(segments.starts[phases.segments[k]], steps)
+    positions = rotations.add_steps(segments.starts[phases.segments[k]], steps)
     directions = _turn(rates, 2.0 * half)
     velocities, accelerations = directions * speed[:, np.newaxis], directions * acceleration[:, np.newaxis]
     if curvatures.any():

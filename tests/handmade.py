@@ -69,7 +69,7 @@ def map_in(workspace, robot, states, rotations=None, **options):
     """Build a map of states, shape (slices, ...) or (...)."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
-    return CSpace(Contents(workspace, robot, cells, cells._slices_for(robot.shape), states, **options))
+    return CSpace(Contents(workspace, robot, cells, cells.assign_slices(robot.shape), states, **options))
 
 
 def make_map(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):

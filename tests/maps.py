@@ -115,19 +115,7 @@ def solid_free() -> cspace.CSpace:
     return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
 
 
-def field() -> cspace.CSpace:
-    """Build a map with an overlap field, of a rotating robot."""
-    pytest.importorskip("finufft")
-    from cspace.spectral import FourierOverlap
-
-    balls = np.array([(0.0, 0.0), (0.15, 0.0)]), np.full(2, 0.12)
-    obstacles = np.array([(1.0, 0.32)]), np.array([0.3])
-    workspace = cspace.Workspace.from_balls(*obstacles, 0.1, bounds=(0.0, 0.0, 2.0, 1.6))
-    space = cspace.build(workspace, cspace.Robot.from_balls(*balls), rotations=6)
-    return space.with_overlap_field(FourierOverlap.of_shapes(balls, obstacles, swell=0.2))
-
-
 MAP_BUILDERS: dict[str, Callable[[], cspace.CSpace]] = {
     make.__name__.strip("_"): make
-    for make in (plane, grid, turning, symmetric, round_, solid, solid_turning, solid_free, field)
+    for make in (plane, grid, turning, symmetric, round_, solid, solid_turning, solid_free)
 }

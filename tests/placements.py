@@ -15,7 +15,7 @@ def draw_near_mixed(space, rng, n, share=0.5, around=0.5):
     """Draw configurations in and around the grid, a share of them in MIXED cells."""
     dim = space.grid.dim
     q = rng.uniform(np.subtract(space.grid.lower, around), np.add(space.grid.upper, around), (n, dim))
-    cells = np.argwhere(space._kernel_map.states == MIXED)
+    cells = np.argwhere(space._seen == MIXED)
     if len(cells):
         chosen = cells[rng.integers(len(cells), size=int(share * n)), -dim:]
         q[: len(chosen)] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))

@@ -51,9 +51,9 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
     workspace = Workspace.from_array(outer, CELL_SIDE, inner=inner)
     options = {"rotations": rotations, "outside": outside, "margin": margin}
     counted = cspace.build(workspace, robot, counts=True, **options)
-    cells, expected = np.argwhere(np.ones_like(outer)), np.empty_like(counted._kernel_map.states)
+    cells, expected = np.argwhere(np.ones_like(outer)), np.empty_like(counted._seen)
     rasters = slice_rasters(robot, CELL_SIDE, margin, counted.rotations)
-    for number, cell in zip(*np.unique(counted._kernel_map.slice_of, return_index=True), strict=True):
+    for number, cell in zip(*np.unique(counted.slice_of, return_index=True), strict=True):
         far, near = rasters[number]
         touches = overlaps_by_shifts(outer, far, outside == "blocked")
         lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
@@ -62,11 +62,11 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
         center = np.broadcast_to(counted.rotations.centers[cell], (len(cells), len(counted.rotations.names)))
         q = np.column_stack([counted.grid.center_of(cells), center])
         assert counted.overlap_count(q).tolist() == touches.ravel().tolist()
-    assert (counted._kernel_map.states == expected).all()
+    assert (counted._seen == expected).all()
     for method in ("fft", "direct"):
-        assert (cspace.build(workspace, robot, method=method, **options)._kernel_map.states == expected).all()
+        assert (cspace.build(workspace, robot, method=method, **options)._seen == expected).all()
     bare = cspace.build(workspace, robot, inner=False, **options)
-    assert (bare._kernel_map.states == np.minimum(expected, MIXED)).all()
+    assert (bare._seen == np.minimum(expected, MIXED)).all()
 
 
 @settings(max_examples=25)
@@ -265,7 +265,7 @@ def test_slices_built_together_equal_separate_builds(count, size):
     space = cspace.build(workspace, robot, rotations=count, method="fft")
     counted = cspace.build(workspace, robot, rotations=count, counts=True)
     assert {space.precision, counted.precision} <= {"float32", "float64"}
-    assert len(space._kernel_map.states) == count and (counted.cell_states == space.cell_states).all()
+    assert len(space._seen) == count and (counted.cell_states == space.cell_states).all()
     cells = np.argwhere(np.ones(occupied.shape, dtype=bool))
     borders = np.asarray(space.rotations.borders)
     for k in {0, 1, count // 2, count - 1}:

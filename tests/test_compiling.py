@@ -126,7 +126,7 @@ def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
 
 def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
     # Otherwise a kernel would keep the old value of a constant.
-    decorators = {"kernel", "allocating", "jit", "always_inline", "compilable"}
+    decorators = {"kernel", "inlined", "allocating"}
     modules, pending, known = dict[str, ast.Module](), list[tuple[str, str]](), set(FILES_WITHOUT_KERNELS)
     for file in [file for package in (cspace, planners) for file in Path(package.__file__).parent.rglob("*.py")]:
         name = file.relative_to(ROOT).as_posix()

@@ -19,10 +19,10 @@ ORDER = [
     "cspace.plot",
     "cspace.export",
     "cspace.arms",
+    "cspace.spectral",
     "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening "
     "cspace.update cspace.tiles",
-    "cspace.store",
-    "cspace.spectral",
+    "cspace.save",
     "cspace.exact",
     "cspace.map",
     "cspace.engines",
@@ -127,7 +127,7 @@ def test_public_names_are_imported_at_their_first_use() -> None:
     run_python("""
 import sys, cspace
 assert "numpy" not in sys.modules, "import cspace is not light"
-assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 43
+assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 41
 assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(cspace, "nothing")
 """)
 
@@ -153,6 +153,6 @@ def documented_names() -> dict[str, set[str]]:
 
 def test_packages_of_documented_names_need_no_import_of_their_own() -> None:
     names = documented_names()
-    assert {"arms", "export", "files", "limits", "plot", "spectral", "store", "view"} <= names.keys()
+    assert {"arms", "export", "files", "limits", "plot", "spectral", "view"} <= names.keys()
     for found in names.values():
         run_python("\n".join(["import cspace", *sorted(found)]))

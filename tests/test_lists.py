@@ -25,8 +25,8 @@ import planners
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
+from cspace.save import MAP_SUFFIXES
 from cspace.spectral.decompose import BALL_READERS
-from cspace.store import MAP_SUFFIXES
 from tests.commands import run
 from tests.repository import ROOT
 from tests.soak import files as soak

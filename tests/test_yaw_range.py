@@ -46,7 +46,7 @@ def returned_yaws(space: cspace.CSpace, rng: np.random.Generator) -> list[Any]:
     yaws: list[Any] = [space.sample_free(200, rng)[:, -1], space.sample_free(rng=rng)[-1]]
     yaws += [space.nearest_free([*q[:-1], rng.uniform(-20.0, 20.0)])[-1] for q in space.sample_free(20, rng)]
     yaws += [space.rotations.centers[:, 0], space.rotations.centers, space.slice_rotations]
-    yaws += [space.rotations._coordinates["yaw"], space.to_xarray().yaw.values]
+    yaws += [space.rotations.stored_arrays["yaw"], space.to_xarray().yaw.values]
     first, last = draw_endpoints(space, rng)
     for straight in (True, False):
         yaws.append(space.find_path(first, last, straight=straight)[:, -1])

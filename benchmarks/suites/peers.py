@@ -121,7 +121,7 @@ def _asymmetric(length: float = LENGTH, width: float = WIDTH) -> Robot:
 
 def _rasters_of(robot: Robot, spacing: float, rotations: int) -> list[Raster]:
     """Return the outer raster of each yaw cell."""
-    return [robot.rasters(spacing, rotation=turn)[0] for turn in Rotations.of(rotations)._shape_cells(2)]
+    return [robot.rasters(spacing, rotation=turn)[0] for turn in Rotations.of(rotations).make_shape_cells(2)]
 
 
 def _memory(report: Report, size: int, rng: np.random.Generator) -> None:

@@ -131,8 +131,8 @@ def build_joint_map(
         if name not in arm.joints:
             rule = f"there are {', '.join(arm.joints)}"
             raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
-        if name in Rotations._all_names() or name.split() != [name]:
-            rule = f"axis names have no blanks and differ from {', '.join(Rotations._all_names())}"
+        if name in Rotations.all_names() or name.split() != [name]:
+            rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
             raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
@@ -185,7 +185,7 @@ def build_joint_map(
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
-    slices = rotations._slices_for(robot.shape)
+    slices = rotations.assign_slices(robot.shape)
     mixed = np.flatnonzero(deciding_pairs >= 0)
     part_names = tuple(each.name for group in space._snapshot.groups for each in group.members for _ in each.parts)
     prove = JointGeometry(

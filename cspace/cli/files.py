@@ -58,15 +58,15 @@ def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     from cspace.opening import open_map
     from cspace.rotations import Rotations
-    from cspace.store import read_metadata
+    from cspace.save import read_format, read_root
 
     try:
-        metadata = read_metadata(file)
+        metadata, _ = read_root(file, read_format(file))
         axes, units = metadata["axes"].split(), metadata.get("units", "").split()
     except Exception:  # opening the map raises a better error, whatever is wrong
         space = open_map(file)
         return space.axes, space.units
-    known = Rotations._all_units()
+    known = Rotations.all_units()
     return tuple(axes), (*units, *(known.get(axis, "m") for axis in axes[len(units) :]))
 
 
@@ -116,9 +116,9 @@ def prepare_store(output: Path, overwrite: bool) -> None:
     Remove an old store if ``overwrite`` is set. Raises InputError if the suffix is not .zarr, and FileError if
     something else exists or the path is not writable.
     """
-    from cspace.store import is_store
+    from cspace.save import read_format
 
-    exists = is_store(output)
+    exists = bool(read_format(output))
     check_outputs([output], (".zarr",), overwrite=exists)
     if exists and overwrite:
         shutil.rmtree(output)
@@ -127,12 +127,12 @@ def prepare_store(output: Path, overwrite: bool) -> None:
 @contextmanager
 def suggest_resuming(output: Path, overwrite: bool) -> Iterator[None]:
     """Add how to resume the build to an interruption in the block."""
-    from cspace.store import is_store
+    from cspace.save import read_format
 
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        if not is_store(output):
+        if not read_format(output):
             raise
         command = "the same command without --overwrite" if overwrite else "the same command"
         raise KeyboardInterrupt(f"{command} resumes with {output}") from interrupt

@@ -161,7 +161,7 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
         "shape": list(grid.shape),
         "outside": space.outside,
         "margin_m": space.margin,
-        **space.rotations._facts,
+        **space.rotations.facts,
         **space._facts,
     }
 
@@ -317,9 +317,9 @@ class _MapEstimate:
     def __init__(self, names: Options, robot: Robot | None, rotations: Rotations) -> None:
         self._names, self.slices, self._robot, self._rotations = names, 1, robot, rotations
         self._facts: dict[str, Any] = {}
-        if rotations._facts:
+        if rotations.facts:
             # A symmetric robot needs fewer slices than rotation cells.
-            self.slices = len(rotations) if robot is None else int(rotations._slices_for(robot.shape).max()) + 1
+            self.slices = len(rotations) if robot is None else int(rotations.assign_slices(robot.shape).max()) + 1
             self._facts = {"rotations": len(rotations), "slices": self.slices}
 
     def describe_grid(
@@ -387,9 +387,7 @@ class _MapEstimate:
         def fewer(share: float) -> str:
             # The workspace needs the same memory with fewer rotations.
             available = share * (needed - TRANSFORM_BYTES) - max(workspace, read - TRANSFORM_BYTES)
-            return (
-                self._rotations._argument_for_fewer(available / (states - TRANSFORM_BYTES)) if available > 0.0 else ""
-            )
+            return self._rotations.argument_for_fewer(available / (states - TRANSFORM_BYTES)) if available > 0.0 else ""
 
         try:
             fixed = TRANSFORM_BYTES if needed > read else 0

@@ -106,7 +106,7 @@ def make(
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
     from cspace.files.formats import read_dimension
-    from cspace.store import MAP_SUFFIXES
+    from cspace.save import MAP_SUFFIXES
     from cspace.workspace import Workspace, reader_of
 
     cells = parse_rotation_cells(inputs.rotations)
@@ -133,7 +133,7 @@ def make(
     }
     space: CSpace | TiledCSpace
     if tile is not None:
-        states = obstacles.grid.size * (int(cells._slices_for(shape.shape).max()) + 1)
+        states = obstacles.grid.size * (int(cells.assign_slices(shape.shape).max()) + 1)
         with (
             suggest_resuming(output, overwrite),
             connect_cluster(scheduler) as client,
@@ -208,7 +208,7 @@ def picture(
 
     check_outputs([output], PICTURE_SUFFIXES, overwrite)
     axes, units = read_axes(file)
-    places = [axis for axis in axes if axis not in Rotations._all_names()]
+    places = [axis for axis in axes if axis not in Rotations.all_names()]
     marks = read_marks(start, goal, axes, units)
     options = drop_none(
         rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes),
@@ -261,7 +261,7 @@ def export(
 
     check_outputs([output], EXPORTS, overwrite)
     axes, _ = read_axes(file)
-    check_export(output, len([axis for axis in axes if axis not in Rotations._all_names()]))
+    check_export(output, len([axis for axis in axes if axis not in Rotations.all_names()]))
     options = drop_none(rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes))
     clock = Clock()
     with clock.step("read"):

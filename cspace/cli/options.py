@@ -203,7 +203,7 @@ def refuse_options(options: Mapping[str, object], taken: Collection[str], about:
 
 def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:
     """Raise InputError if robot, workspace and rotations have different dimensions."""
-    rotations._check_dimension(dim)
+    rotations.check_dimension(dim)
     if robot is not None and robot.dim != dim:
         problem = f"is a {robot.name}, which has {robot.dim} dimensions, but the workspace {path} has {dim}"
         hint = "choose another robot" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
@@ -220,7 +220,7 @@ def parse_rotation_cells(text: str | None) -> Rotations:
     if text is None:
         return Rotations.of(None)
     kind, _, count = text.rpartition(":")
-    kinds = {"": Rotations.of, **{name: kind._of_value for name, kind in Rotations.KINDS.items() if kind.names}}
+    kinds = {"": Rotations.of, **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}}
     if kind not in kinds or not count.isdecimal() or not int(count):
         hint = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
         rule = "it must be a count above zero, or a kind and a count"
@@ -255,7 +255,7 @@ def _axis_units(axes: Sequence[str]) -> list[str]:
     """Return the units of the axes of a rigid robot's configurations."""
     from cspace.rotations import Rotations
 
-    known = Rotations._all_units()
+    known = Rotations.all_units()
     return [known.get(axis, "m") for axis in axes]
 
 
@@ -265,7 +265,7 @@ def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
 
     known = {"x": "-1.5", "y": "2", "z": "0.5"}
     for kind in Rotations.KINDS.values():
-        known |= zip(kind.names, kind._examples, strict=True)
+        known |= zip(kind.names, kind.examples, strict=True)
     return [known.get(axis, "90deg" if unit == "rad" else "0.2") for axis, unit in zip(axes, units, strict=True)]
 
 

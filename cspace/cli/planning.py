@@ -53,7 +53,7 @@ def plan(
     simplify: Annotated[bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")] = True,
     objective: Annotated[
         str | None,
-        typer.Option(help="What to optimise: length, clearance, or overlap where the map has a field of it."),
+        typer.Option(help="What to optimise: length or clearance."),
     ] = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="Ask the geometry itself where the grid cannot decide.")

@@ -68,7 +68,7 @@ def raster_bytes(
         return 0.0
     centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
     positions = np.zeros((len(centers), robot.dim))
-    matrices = rotations._rotation_matrices(np.hstack([positions, centers]))
+    matrices = rotations.rotation_matrices(np.hstack([positions, centers]))
     sides = np.ptp(_box_corners(robot) @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
     cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
     # A slice has an outer and an inner raster.
@@ -81,12 +81,12 @@ def narrower_rotations(robot: Robot, rotations: Rotations, distance: float) -> I
     In the last ones, the first for which that is true, no corner of the robot's bounding box moves
     by more than ``distance``, metres.
     """
-    if rotations._preserve(robot.shape):
+    if rotations.preserve(robot.shape):
         return
     corners = _box_corners(robot)
     while True:
-        widest = RotationCell(None, float(rotations.covering_angles.max()), rotations._about_z)
-        narrower = rotations._doubled()
+        widest = RotationCell(None, float(rotations.covering_angles.max()), rotations.about_z)
+        narrower = rotations.make_finer()
         if narrower is None or float(widest.displacement(corners).max()) <= distance:
             return
         _, rotations = narrower
@@ -109,13 +109,13 @@ def raster_tasks(
     Rasters are made from the rotated geometry, unless a slice is the image of another slice by
     quarter turns or mirrors. Then the raster is an image too, made in the same task as that slice.
     """
-    if rotations._preserve(robot.shape):
+    if rotations.preserve(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
-    slice_of = rotations._slices_for(robot.shape)
+    slice_of = rotations.assign_slices(robot.shape)
     first_cells = np.unique(slice_of, return_index=True)[1]
-    cells = rotations._shape_cells(robot.dim)
+    cells = rotations.make_shape_cells(robot.dim)
     # Each slice comes from the smallest of its images; the transposed matrix maps it back.
-    images = rotations._images(robot.shape)
+    images = rotations.find_images(robot.shape)
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
     sources = image_slices.min(axis=0)
     matrices = [images[index][0].T for index in image_slices.argmin(axis=0).tolist()]

@@ -10,7 +10,7 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Ints
 from cspace.exact import DISTANCE_ROUNDING
 from cspace.grid import Grid
-from cspace.map.storage import Map
+from cspace.map.record import Map
 from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -87,7 +87,7 @@ class Problem(NamedTuple):
         """
         return (
             self.margin
-            + self.rotations._slack * self.robot.span
+            + self.rotations.slack * self.robot.span
             + DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
         )
 

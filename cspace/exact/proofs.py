@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row, States
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Numbers, Row, States
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.exact.boundaries import Problem, Proofs, as_triangles, connected_parts, obstacle_boundary, part_anchors
@@ -21,10 +21,11 @@ from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees
 from cspace.grid import MAX_COORDINATE
 from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
 from cspace.map.batches import as_contiguous
-from cspace.map.edges import along, edge_is_free, edges_are_free
-from cspace.map.points import Numbers, classify, configuration, is_usable, state_at
-from cspace.map.storage import Map
-from cspace.rotations.records import bind_kernel
+from cspace.map.callbacks import MAX_SIZE, bind_kernel, position_before, rotation_before
+from cspace.map.edges import edge_is_free, edges_are_free, position_along
+from cspace.map.points import classify, is_usable, position_in, state_at
+from cspace.map.record import Map
+from cspace.rotations.lookup import arc_angle_and_error, arc_count, matrix_rows, rotation_along, rotation_in
 from cspace.shapes import Box, RoundedSimplices
 from cspace.threads import in_chunks
 
@@ -231,7 +232,7 @@ class BoundaryProofs:
         scale = 2.0 ** -math.frexp(max_coordinate)[1]
         trees, roots = build_trees(
             [RoundedSimplices(scale * part.simplices, scale * part.radii) for part in (boundary, fixed, walls)],
-            problem.rotations._about_z,
+            problem.rotations.about_z,
         )
         corners, starts = connected_parts(boundary)
         part_stops = np.append(starts[1:], len(corners))
@@ -272,15 +273,15 @@ class BoundaryProofs:
     def edge(self) -> Callable[..., bool]:
         """Compiled ``edge(*q0, *q1)`` of :class:`Proofs`."""
         size, local = self._size, threading.local()
-        origin = (0.0,) * size
-        prove = bind_kernel(edge_state, (self._inputs,), origin, origin, make_scratch())
+        padding = (0.0,) * (2 * (MAX_SIZE - size))
+        prove = bind_kernel(state_of_edge, (self._inputs, size), make_scratch(), (0.0,) * (2 * MAX_SIZE))
 
         def edge(*both: float) -> bool:
             try:
                 scratch = local.scratch
             except AttributeError:  # the first call of a thread
                 scratch = local.scratch = make_scratch()
-            state = prove(both[:size], both[size:], scratch)
+            state = prove(scratch, padding + both)
             return state == FREE or (state == MIXED and not self._are_nested(np.array([both[:size]]))[0])
 
         return edge
@@ -320,7 +321,7 @@ class BoundaryProofs:
         """
         positions, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         positions[:, : self._dim], matrices[:, 2, 2] = points[:, : self._dim], 1.0
-        matrices[:, : self._dim, : self._dim] = self._rotations._rotation_matrices(points)
+        matrices[:, : self._dim, : self._dim] = self._rotations.rotation_matrices(points)
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
@@ -373,12 +374,22 @@ def make_scratch() -> Scratch:
 def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States) -> None:
     """Fill ``out`` with :func:`edge_state` of edges, shapes (n, size)."""
     for k in range(first.shape[0]):
-        q0, q1 = configuration(inputs.map, first, k), configuration(inputs.map, second, k)
-        out[k] = edge_state(inputs, q0, q1, scratch)
+        p0, r0 = position_in(inputs.map, first, k), rotation_in(inputs.map.rotations.borders, first[k])
+        p1, r1 = position_in(inputs.map, second, k), rotation_in(inputs.map.rotations.borders, second[k])
+        out[k] = edge_state(inputs, p0, r0, p1, r1, scratch)
 
 
 @kernel
-def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) -> int:
+def state_of_edge(inputs: ProofInputs, size: int, scratch: Scratch, both: Numbers) -> int:
+    """Return :func:`edge_state` of an edge by the numbers of its ends, each of length ``size``, after zeros."""
+    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
+    p0, r0 = position_before(inputs.map, both, middle), rotation_before(inputs.map.rotations.borders, both, middle)
+    p1, r1 = position_before(inputs.map, both, end), rotation_before(inputs.map.rotations.borders, both, end)
+    return edge_state(inputs, p0, r0, p1, r1, scratch)
+
+
+@kernel
+def edge_state(inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch) -> int:
     """Return FREE if a whole edge is proven free, BLOCKED if not.
 
     MIXED means that no boundaries meet along the edge: it is free if neither robot nor obstacles contain the other at
@@ -390,17 +401,17 @@ def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) 
     collision anywhere on the edge is found early.
     """
     (map_, boundaries, containment), parts, size, nested = inputs, scratch.parts, 0.0, FREE
-    if not (is_usable(map_, q0) and is_usable(map_, q1)):
+    if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return BLOCKED
     scale, spacing = boundaries.scale, boundaries.scale * map_.spacing
-    for axis in range(len(map_.lower)):
-        length = abs(q0[axis]) + abs(q1[axis])
+    for axis in range(3 - map_.dim, 3):
+        length = abs(p0[axis]) + abs(p1[axis])
         if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # the negated comparison refuses NaN too
             return BLOCKED
         size += length
-    step = minus(reference_point(map_, q1, scale), reference_point(map_, q0, scale))
-    for arc in range(map_.rotations.arc_count(q0, q1)):
-        angle, angle_error = map_.rotations.arc_angle_and_error(q0, q1, arc)
+    step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
+    for arc in range(arc_count(r0, r1)):
+        angle, angle_error = arc_angle_and_error(r0, r1, arc)
         required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + angle_error * boundaries.max_lever
         speed = math.sqrt(dot(step, step)) + angle * boundaries.max_lever
         # Most colliding edges of a planner collide at an endpoint. For a point, the endpoint is the whole edge.
@@ -420,21 +431,21 @@ def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) 
                 head = (head + 1) % MAX_PENDING_PARTS
             half, center = 0.5 * (last - first), 0.5 * (first + last)
             # If the rotation jumps, a part may be at any rotation of the whole arc, so cells prove nothing.
-            if (
-                angle_error == 0.0
-                and 0.0 < last - first < 1.0
-                and edge_is_free(map_, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
-            ):
-                continue
-            q = along(map_, q0, q1, arc, center)
-            state, travel, proven = state_at(map_, q), 2.0 * half * speed, 0.0
+            if angle_error == 0.0 and 0.0 < last - first < 1.0:
+                begin, end = position_along(p0, p1, first), position_along(p0, p1, last)
+                before = rotation_along(r0, r1, arc, first)
+                after = rotation_along(r0, r1, arc, last)
+                if edge_is_free(map_, begin, before, end, after):
+                    continue
+            place, rotation = position_along(p0, p1, center), rotation_along(r0, r1, arc, center)
+            state, travel, proven = state_at(map_, place, rotation), 2.0 * half * speed, 0.0
             if state == FREE and travel == 0.0:
                 continue
             if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
                 return BLOCKED
             if travel <= (spacing if state == FREE else MAX_MOTION_CELLS * spacing):
-                position = reference_point(map_, q, scale)
-                motion = Motion(map_.rotations.matrix_of(q), position, step, angle, required, 0.0)
+                position = reference_point(map_, place, scale)
+                motion = Motion(matrix_rows(rotation), position, step, angle, required, 0.0)
                 enough = half / ADVANCE_FACTOR
                 walls, pairs = boundaries.walls, scratch.node_pairs
                 if walls >= 0 and stays_within_walls(boundaries, motion, enough):
@@ -446,7 +457,8 @@ def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) 
                     return BLOCKED
                 # While no boundaries meet, containment cannot change, so it is tested once.
                 if measured == 1:
-                    nested = max(nested, containment_state(containment, reference_point(map_, q, 1.0), motion.matrix))
+                    position = reference_point(map_, place, 1.0)
+                    nested = max(nested, containment_state(containment, position, motion.matrix))
                     if nested == BLOCKED:
                         return BLOCKED
                 proven *= ADVANCE_FACTOR
@@ -502,12 +514,12 @@ def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, s
 
 
 @kernel
-def reference_point(map_: Map, q: Numbers, scale: float) -> Row:
+def reference_point(map_: Map, position: Row, scale: float) -> Row:
     """Return the reference point of the robot in space, times ``scale``."""
-    z = 0.0
-    for axis in range(2, len(map_.lower)):
-        z = q[axis]
-    return scale * q[0], scale * q[1], scale * z
+    x, y, z = position
+    if map_.dim == 2:
+        return scale * y, scale * z, 0.0
+    return scale * x, scale * y, scale * z
 
 
 @kernel

@@ -21,7 +21,7 @@ from cspace.files.access import check_suffix, replacing
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
-from cspace.store import MAP_SUFFIXES, save
+from cspace.save import MAP_SUFFIXES, save
 
 if TYPE_CHECKING:
     import xarray
@@ -126,12 +126,12 @@ def export(
         ``slice_of`` (``cell_states[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of
         the cells, metres), ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
         ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has them, ``inner``,
-        ``unknown``, ``overlap_counts`` and the overlap field (``penetration``). For a robot that
-        turns, each rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to
-        ``qw``, hold the rotations. ``.nc``: netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z,
-        y, x]``. ``.tif``, ``.tiff``: a plane map as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``,
-        ``.yml``: a plane map as a ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the
-        free space of a map in space; STL in single precision.
+        ``unknown`` and ``overlap_counts``. For a robot that turns, each rotation cell has its own arrays,
+        ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to ``qw``, hold the rotations. ``.nc``:
+        netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a plane
+        map as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a ROS map,
+        with its image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the free space of a map in space; STL
+        in single precision.
     overwrite : bool
         True to replace an existing output.
     rotation : array-like, shape (k,), optional
@@ -150,7 +150,7 @@ def export(
     if suffix in _CELL_WRITERS:
         cells: Sequence[int] = range(len(contents.rotations))
         if rotation is not None or suffix not in _MULTI_CELL_SUFFIXES:
-            cells = [contents.rotations._one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
+            cells = [contents.rotations.find_one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
         _CELL_WRITERS[suffix][0](contents, cells, path, overwrite)
         return
     if rotation is not None:
@@ -205,13 +205,13 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     xarray.Dataset
         Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of the cells, in metres or
         radians. Variables ``cell_states`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
-        workspace) and, if the map has them, ``overlap_counts`` (int32), ``penetration`` (the overlap field,
-        float64), and ``shapes`` (bytes of JSON text from which the obstacles are made).
+        workspace) and, if the map has them, ``overlap_counts`` (int32) and ``shapes`` (bytes of JSON text from which
+        the obstacles are made).
         The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
-        ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
+        ``lower``, ``spacing``, ``outside``, ``margin_m``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
         text for ``Robot.from_spec``), ``workspace_source`` and the versions.
 
-        For a robot that turns, ``cell_states``, ``overlap_counts`` and the field have the leading dimension
+        For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading dimension
         ``rotation``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (the ends of the
         interval), ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
 
@@ -235,7 +235,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     """
     import xarray
 
-    dim, cells = contents.grid.dim, contents.rotations._leading_axes(len(contents.rotations))
+    dim, cells = contents.grid.dim, contents.rotations.leading_axes(len(contents.rotations))
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
     contents = replace(contents, exterior=None)  # it labels no cells

@@ -60,7 +60,7 @@ def costmap_of(
         raise InputError("the map", "is one in space", "a costmap is plane", "build a map of the plane")
     number = None
     if rotation is not None:
-        number = int(space.slice_of[int(space.rotations._cells_of(space.rotations._check_rotation(rotation)))])
+        number = int(space.slice_of[int(space.rotations.find_cells(space.rotations.check_rotation(rotation)))])
     inscribed, clearance = space.robot.inscribed_radius + space.margin, space._clearances_of_cells(number)
     costs = costs_of(clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius)
     fields = {"metadata.size_x": space.grid.shape[0], "metadata.size_y": space.grid.shape[1]}

@@ -13,8 +13,8 @@ from cspace.arrays import StrPath
 from cspace.errors import InputError
 from cspace.files import meshes, ros, vector
 from cspace.files.access import check_file, check_suffix, decoding
-from cspace.files.chunks import ZarrArray
 from cspace.files.polygons import read_ply_header
+from cspace.files.zarr_folders import ZarrArray
 
 _NUMPY_KIND: Final = "NumPy array"
 

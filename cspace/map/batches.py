@@ -196,4 +196,4 @@ def _unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
     """Return the error for an unusable row of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
     hint = "correct or remove such configurations first"
-    return InputError(name, f"number {index} is {numbers}", Rotations._all_limits(), hint, value=numbers)
+    return InputError(name, f"number {index} is {numbers}", Rotations.all_limits(), hint, value=numbers)

@@ -3,40 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
-from types import FunctionType
-from typing import Any, Final, NamedTuple
+from functools import partial
+from typing import Any, Final
 
-from cspace.arrays import FREE, MIXED, Numbers
+import numba
+
+from cspace.arrays import FREE, MIXED, Floats, Numbers, Row
+from cspace.compiling import inlined, kernel
 from cspace.map.edges import edge_is_free
-from cspace.map.points import cell_of, is_usable, state_at
-from cspace.map.storage import Map
-from cspace.rotations.records import bind_kernel, compilable, jit
+from cspace.map.points import cell_of, is_in_grid, is_usable, position_in_plane, state_at
+from cspace.map.record import Map
+from cspace.rotations.lookup import rotation_cell
 
 NOT_USABLE: Final = 255
 """Answer for numbers that are not finite, or no rotation."""
 
+MAX_SIZE: Final = 7
+"""Largest length of a configuration, in SE(3)."""
+
 
 def state_lookup(map_: Map, size: int) -> Callable[..., int]:
     """Return ``look_up(*q)``: the state of a configuration, or NOT_USABLE."""
-    # A look-up is shorter than releasing the interpreter lock.
-    return callback(Point(map_), size, nogil=False)
+    return bind_numbers(state_of, (map_,), size)
 
 
 def place_lookup(map_: Map, size: int) -> Callable[..., int]:
     """Return ``look_up(*q)``: the index of a cell over all rotation cells; -1 if it is not in the grid."""
-    return callback(Place(map_), size, nogil=False)
+    return bind_numbers(place_of, (map_,), size)
 
 
 def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
     """Return ``look_up(*q0, *q1)``: FREE, MIXED if the motion is not proven, or NOT_USABLE."""
-    return bind_kernel(_compiled(_OF_TWO[size], nogil=True), (Edge(map_),), *[0.0] * (2 * size))
-
-
-def point_checker(map_: Map, size: int) -> Callable[..., bool]:
-    """Return ``check(*q)``, True if a configuration is FREE."""
-    look_up = state_lookup(map_, size)
-    return lambda *q: look_up(*q) == FREE
+    return bind_numbers(motion_of, (map_, size), 2 * size, 2 * MAX_SIZE)
 
 
 def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
@@ -45,74 +43,90 @@ def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
     return lambda *both: look_up(*both) == FREE
 
 
-def callback(query: Any, size: int, nogil: bool = True) -> Callable[..., Any]:
-    """Return ``evaluate`` of a record as ``call(*q)``."""
-    return bind_kernel(_compiled(_OF_ONE[size], nogil), (query,), *[0.0] * size)
+def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[..., Any]:
+    """Bind a kernel to its first arguments.
+
+    Calls skip numba's dispatch, so that all other arguments must have the types of ``others``.
+    """
+    argument_types = tuple(map(numba.typeof, (*fixed, *others)))
+    kernel.compile(argument_types)
+    return partial(kernel.get_overload(argument_types), *fixed)
 
 
-@compilable
-class Point(NamedTuple):
-    """Query for the state of a configuration."""
-
-    map_: Map
-
-    def evaluate(self, q: Numbers) -> int:
-        """Return the state, or NOT_USABLE."""
-        return state_at(self.map_, q) if is_usable(self.map_, q) else NOT_USABLE
+def bind_numbers(kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE) -> Callable[..., Any]:
+    """Bind a kernel that takes ``fixed`` and then ``total`` numbers, of which calls give the last ``given``."""
+    look_up = bind_kernel(kernel, fixed, *[0.0] * total)
+    return partial(look_up, *[0.0] * (total - given))
 
 
-@compilable
-class Place(NamedTuple):
-    """Query for the cell of a configuration."""
-
-    map_: Map
-
-    def evaluate(self, q: Numbers) -> int:
-        """Return the index of the cell over all rotation cells, or -1."""
-        if not is_usable(self.map_, q):
-            return -1
-        inside, _, cell = cell_of(self.map_, q)
-        place = self.map_.rotations.cell_at(q)
-        for axis in range(len(self.map_.lower)):
-            place = place * self.map_.states.shape[axis + 1] + cell[axis + 1]
-        return place if inside else -1
+@inlined
+def position_before(map_: Map, numbers: Numbers, end: int) -> Row:
+    """Return the position of the configuration whose numbers end before ``end``."""
+    borders = map_.rotations.borders
+    first = end - map_.dim
+    if borders.ndim == 2:
+        first -= 4
+    elif borders.shape[0] > 0:
+        first -= 1
+    if map_.dim == 2:
+        return position_in_plane(map_, numbers[first], numbers[first + 1])
+    return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
-@compilable
-class Edge(NamedTuple):
-    """Query for whether an edge is FREE."""
-
-    map_: Map
-
-    def evaluate_edge(self, q0: Numbers, q1: Numbers) -> int:
-        """Return FREE if the edge is FREE, else MIXED; NOT_USABLE if an end is not usable."""
-        if not (is_usable(self.map_, q0) and is_usable(self.map_, q1)):
-            return NOT_USABLE
-        return FREE if edge_is_free(self.map_, q0, q1) else MIXED
+@inlined
+def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
+    """Return the rotation of the configuration whose numbers end before ``end``."""
+    if borders.ndim == 2:
+        return numbers[end - 4], numbers[end - 3], numbers[end - 2], numbers[end - 1]
+    return (numbers[end - 1] if borders.shape[0] > 0 else 0.0,)
 
 
-# Numba calls a function of several floats faster than a function of one tuple.
-
-_OF_ONE: Final[dict[int, Any]] = {
-    2: lambda query, a, b: query.evaluate((a, b)),
-    3: lambda query, a, b, c: query.evaluate((a, b, c)),
-    4: lambda query, a, b, c, d: query.evaluate((a, b, c, d)),
-    7: lambda query, a, b, c, d, e, f, g: query.evaluate((a, b, c, d, e, f, g)),
-}
-_OF_TWO: Final[dict[int, Any]] = {
-    2: lambda query, a, b, h, i: query.evaluate_edge((a, b), (h, i)),
-    3: lambda query, a, b, c, h, i, j: query.evaluate_edge((a, b, c), (h, i, j)),
-    4: lambda query, a, b, c, d, h, i, j, k: query.evaluate_edge((a, b, c, d), (h, i, j, k)),
-    7: lambda query, a, b, c, d, e, f, g, h, i, j, k, m, n, o: query.evaluate_edge(
-        (a, b, c, d, e, f, g), (h, i, j, k, m, n, o)
-    ),
-}
-"""Functions that numba compiles for a query, by the length of a configuration."""
+@kernel
+def state_of(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> int:
+    """Return the state of a configuration, or NOT_USABLE."""
+    numbers = a, b, c, d, e, f, g
+    position = position_before(map_, numbers, MAX_SIZE)
+    rotation = rotation_before(map_.rotations.borders, numbers, MAX_SIZE)
+    return state_at(map_, position, rotation) if is_usable(position, rotation) else NOT_USABLE
 
 
-@cache
-def _compiled(written: FunctionType, nogil: bool) -> Any:
-    """Compile a function under a name for numba's cache."""
-    named = FunctionType(written.__code__, written.__globals__)
-    named.__qualname__ = f"spread_{'without' if nogil else 'with'}_lock"
-    return jit(named, _nrt=False, nogil=nogil)
+@kernel
+def place_of(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> int:
+    """Return the index of the cell over all rotation cells, or -1."""
+    numbers = a, b, c, d, e, f, g
+    position = position_before(map_, numbers, MAX_SIZE)
+    rotation = rotation_before(map_.rotations.borders, numbers, MAX_SIZE)
+    cell = cell_of(map_, position)
+    if not (is_usable(position, rotation) and is_in_grid(map_, cell)):
+        return -1
+    _, nx, ny, nz = map_.states.shape
+    return int(((rotation_cell(map_.rotations.borders, rotation) * nx + cell[0]) * ny + cell[1]) * nz + cell[2])
+
+
+@kernel
+def motion_of(
+    map_: Map,
+    size: int,
+    a: float,
+    b: float,
+    c: float,
+    d: float,
+    e: float,
+    f: float,
+    g: float,
+    h: float,
+    i: float,
+    j: float,
+    k: float,
+    m: float,
+    n: float,
+    o: float,
+) -> int:
+    """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
+    numbers = a, b, c, d, e, f, g, h, i, j, k, m, n, o
+    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
+    p0, r0 = position_before(map_, numbers, middle), rotation_before(map_.rotations.borders, numbers, middle)
+    p1, r1 = position_before(map_, numbers, end), rotation_before(map_.rotations.borders, numbers, end)
+    if not (is_usable(p0, r0) and is_usable(p1, r1)):
+        return NOT_USABLE
+    return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

@@ -69,6 +69,11 @@ class Components:
         labelled = self._passable if mixed else self._free
         return labelled.component_of(cells)
 
+    def count(self, mixed: bool = False) -> int:
+        """Return a number above all components of :meth:`of`."""
+        labelled = self._passable if mixed else self._free
+        return int(labelled.components.max(initial=-1)) + 1
+
     def are_joined(self, place: int, other: int, mixed: bool = False) -> bool:
         """Return True if two cells of the grid are in one component, as of :meth:`of`.
 

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FIELD_NAME, Floats, Ints, States
-from cspace.check import check_finite, check_word
+from cspace.arrays import Ints, States
+from cspace.check import check_word
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
-from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 
 if TYPE_CHECKING:
@@ -45,8 +44,6 @@ class Contents:
         Arithmetic of the engine: integers, or floating-point transforms rounded to integers.
     overlap_counts : ndarray of int32, the shape of states, or None
         Overlap of each cell; taken over like ``states``.
-    field : ndarray of float64, or None
-        Values of :class:`cspace.spectral.OverlapField`.
     exterior : Exterior or None
         States outside the grid; if None, computed from the robot's rasters when needed.
     proves_blocked : bool or None
@@ -69,7 +66,6 @@ class Contents:
     margin: float = 0.0
     precision: str = "integer"
     overlap_counts: NDArray[np.int32] | None = None
-    field: Floats | None = None
     exterior: Exterior | None = None
     proves_blocked: bool | None = None
     prove: Callable[..., Any] | None = None
@@ -88,8 +84,6 @@ class Contents:
                 object.__setattr__(self, name, _writable(array))
         if self.outside != UNKNOWN:
             check_word(self.outside, "outside", OUTSIDES)
-        if self.field is not None:
-            object.__setattr__(self, "field", checked_field(self.field, self.leading(shape[0])))
 
     @property
     def grid(self) -> Grid:
@@ -106,7 +100,7 @@ class Contents:
 
         If the robot does not rotate, it is the shape of the cells alone.
         """
-        return (*self.rotations._leading_axes(n), *self.grid.shape)
+        return (*self.rotations.leading_axes(n), *self.grid.shape)
 
     def copy(self) -> Contents:
         """Return a copy that shares only constant arrays."""
@@ -120,18 +114,6 @@ class Contents:
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
             layers=None if self.layers is None else self.layers.copy(),
         )
-
-
-def checked_field(values: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return the values of an overlap field, read-only.
-
-    Raises InputError if they have another shape or type, or are not finite.
-    """
-    if values.shape != shape or values.dtype != np.float64:
-        problem = f"has shape {values.shape} and type {values.dtype}"
-        rule = f"it must have the map's shape {shape} and type float64"
-        raise InputError(FIELD_NAME, problem, rule, "use CSpace.with_overlap_field", value=values)
-    return read_only(check_finite(values, FIELD_NAME))
 
 
 def _writable(array: NDArray[Any]) -> NDArray[Any]:

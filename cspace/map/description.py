@@ -12,21 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import FIELD_NAME, STATE_NAMES
+from cspace.arrays import STATE_NAMES
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.map.storage import read_only, read_only_of
-from cspace.robot import Robot
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 
 FORMAT: Final = "cspace-map"
-VERSION: Final = 5
+VERSION: Final = 6
 """Version of the format; a reader refuses all others."""
 
 AXES: Final = ("x", "y", "z")
 
-STACKED: Final = ("cell_states", "overlap_counts", FIELD_NAME)
+STACKED: Final = ("cell_states", "overlap_counts")
 """Arrays with one entry for each slice."""
 
 
@@ -36,7 +35,7 @@ class Stored(NamedTuple):
     Attributes
     ----------
     axes : tuple of str
-        Names of the axes; "cells" stands for the axes of the grid, and "tiles" for the axes of tiles.
+        Names of the axes; "cells" stands for the axes of the grid.
     dtype : str
     lost : number
         Value of lost entries, which never makes a cell FREE.
@@ -72,19 +71,10 @@ ARRAYS: Final[dict[str, Stored]] = {
     ),
     "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
     "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
-    "record": _stored(
-        "tiles number",
-        "int64",
-        -1,
-        "what is known of a tile that is done",
-        comment="FREE, MIXED and BLOCKED cells of each slice; first and last cell of its obstacles; SHA-256 of its "
-        "chunks of cell_states, of outer, and of inner or outer again",
-    ),
     "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
     "overlap_counts": _stored(
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
     ),
-    FIELD_NAME: _stored("slice cells", "float64", math.inf, "overlap of the descriptors of robot and obstacles"),
     "slice_of": _stored(
         "rotation",
         "int64",
@@ -121,7 +111,7 @@ def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
     """Return the axes of an array on a grid."""
-    groups = {"cells": AXES[:dim], "tiles": tuple(f"tile_{axis}" for axis in AXES[:dim])}
+    groups = {"cells": AXES[:dim]}
     return tuple(part for axis in stored()[name].axes for part in groups.get(axis, (axis,)))
 
 
@@ -141,49 +131,34 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     if name in AXES:
         number = AXES.index(name)
         about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
-    if name == FIELD_NAME:
-        about["units"] = f"m{grid.dim}"
     return about
 
 
-def describe_map(
-    grid: Grid, robot: Robot, rotations: Rotations, slices: int, outside: str, margin: float, source: str
-) -> dict[str, Any]:
-    """Return the metadata of every map.
+def metadata_of(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map in memory.
 
-    ``lower`` and ``spacing`` are in metres; ``axes`` names the numbers of a configuration, and ``units`` the units of
-    the cells; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
+    ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a configuration;
+    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``. ``precision`` is the
+    arithmetic of the engine; ``inner`` is 1 if BLOCKED is proven, 0 if not, and omitted if unknown.
     """
-    return {
+    grid = contents.grid
+    about = {
         "format": FORMAT,
         "format_version": VERSION,
         "library_version": __version__,
         "lower": list(grid.lower),
         "spacing": grid.spacing,
         "shape": list(grid.shape),
-        "axes": " ".join((*grid.axes, *rotations.names)),
+        "axes": " ".join(contents.axes),
         "units": " ".join(grid.units),
-        "outside": outside,
-        "margin": float(margin),
-        "rotations": len(rotations),
-        "slices": slices,
-        "robot": robot._definition,
-        "workspace_source": source,
+        "outside": contents.outside,
+        "margin_m": float(contents.margin),
+        "rotations": len(contents.rotations),
+        "slices": len(contents.states),
+        "robot": contents.robot._definition,
+        "workspace_source": contents.workspace.source,
+        "precision": contents.precision,
     }
-
-
-def metadata_of(contents: Contents) -> dict[str, Any]:
-    """Return the metadata of a map in memory.
-
-    They extend :func:`describe_map`: ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is
-    proven, 0 if not, and omitted if unknown.
-    """
-    grid, workspace = contents.grid, contents.workspace
-    about = describe_map(
-        *(grid, contents.robot, contents.rotations, len(contents.states), contents.outside, contents.margin),
-        workspace.source,
-    )
-    about["precision"] = contents.precision
     if contents.proves_blocked is not None:
         about["inner"] = int(contents.proves_blocked)
     return about
@@ -192,13 +167,19 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """Return the arrays of a map, by the names of :func:`stored`.
 
-    No cells are copied; states may be packed in two bits. Optional arrays are ``inner`` if it differs from ``outer``,
+    <<<<<<< HEAD
+    No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``,
     ``unknown`` if there are such cells, ``overlap_counts`` and the overlap field if the map has them, the arrays of
     rotation cells if the robot rotates, and ``shapes`` if the obstacles have shapes.
+    =======
+    No cells are copied; states may be packed in two bits. Optional arrays are ``inner`` if it differs from ``outer``,
+    ``unknown`` if there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if the
+    robot rotates, and ``shapes`` if the obstacles have shapes.
+    >>>>>>> spectral
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
-        "cell_states": read_only_of(contents.states),
+        "cell_states": read_only(contents.states),
         "outer": workspace.outer,
         "slice_of": contents.slice_of,
     }
@@ -208,12 +189,10 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
         arrays["unknown"] = workspace.unknown
     if contents.exterior is not None:
         arrays["exterior"] = contents.exterior.table
-    stacked: dict[str, NDArray[Any]] = {} if contents.field is None else {FIELD_NAME: contents.field}
     if contents.overlap_counts is not None:
-        stacked["overlap_counts"] = read_only(contents.overlap_counts)
-    arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}
+        arrays["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    return {**arrays, **contents.rotations._coordinates, **shapes_array(workspace.shapes)}
+    return {**arrays, **contents.rotations.stored_arrays, **shapes_array(workspace.shapes)}
 
 
 def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:

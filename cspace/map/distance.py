@@ -39,12 +39,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FREE, Bytes, Floats, Ints
+from cspace.arrays import FREE, Floats, Ints, Numbers, Row, States
 from cspace.compiling import kernel
 from cspace.grid import SLACK
-from cspace.map.points import MAX_CELL, Numbers, configuration, is_usable, state_at
-from cspace.map.storage import Map, Stack
-from cspace.rotations.records import bind_kernel
+from cspace.map.callbacks import MAX_SIZE, bind_kernel, position_before, rotation_before
+from cspace.map.points import MAX_CELL, is_usable, position_in, slice_of, state_at
+from cspace.map.record import Map
+from cspace.rotations.lookup import rotation_in
 from cspace.threads import cores, in_chunks, in_threads
 
 Distances = NDArray[np.float32]
@@ -88,7 +89,7 @@ class DistanceMap:
         The table, once it has the distances of all slices after the last change.
     """
 
-    def __init__(self, states: Stack, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
+    def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
         self._states, self._exterior, self._lock = states, exterior, lock
         self._table: DistanceTable | None = None
         self._ready = np.zeros(len(states), dtype=np.bool_)
@@ -140,7 +141,7 @@ class DistanceMap:
 # ---- the table -----------------------------------------------------------------------------------
 
 
-def find_box(states: Bytes, exterior: Ints) -> Floats:
+def find_box(states: States, exterior: Ints) -> Floats:
     """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
 
     ``exterior`` is a row of :attr:`cspace.map.exterior.Exterior.table`.
@@ -162,7 +163,7 @@ def find_box(states: Bytes, exterior: Ints) -> Floats:
     return box
 
 
-def compute_distances(states: Bytes, exterior: Ints, out: Distances) -> None:
+def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
     """Write the distances of the cells of a slice.
 
     ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
@@ -273,18 +274,19 @@ def spread_squares(
 
 
 @kernel
-def clearance_at(map_: Map, table: DistanceTable, q: Numbers) -> float:
+def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbers) -> float:
     """Return a lower bound of the clearance of a configuration, in metres.
 
     The table has the distances of its slice.
     """
-    if state_at(map_, q) != FREE:
+    if state_at(map_, position, rotation) != FREE:
         return 0.0
-    s, dim = map_.rotations.slice_at(q), len(map_.lower)
+    s, skipped = slice_of(map_, rotation), 3 - map_.dim
     box_square = beyond_square = spread = 0.0
-    for axis in range(dim):
-        u, v = position_along(map_, q, axis), position_among_centers(map_, q, axis)
-        box_gap = max(0.0, table.boxes[s, 0, axis] - u, u - table.boxes[s, 1, axis])
+    for axis in range(skipped, 3):
+        u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
+        low, high = table.boxes[s, 0, axis - skipped], table.boxes[s, 1, axis - skipped]
+        box_gap = max(0.0, low - u, u - high)
         box_square += box_gap * box_gap
         beyond = u - 0.5 - v
         beyond_square += beyond * beyond
@@ -292,13 +294,13 @@ def clearance_at(map_: Map, table: DistanceTable, q: Numbers) -> float:
         spread += share * (1.0 - share)
     best = math.sqrt(box_square) * ROUNDING_FACTOR
     mean_square = 0.0
-    for corner in range(1 << dim):
+    for corner in range(1 << map_.dim):
         cell, weight, gap_square = s, 1.0, 0.0
-        for axis in range(dim):
-            u, v = position_along(map_, q, axis), position_among_centers(map_, q, axis)
+        for axis in range(skipped, 3):
+            u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
             k, count = math.floor(v), map_.states.shape[axis + 1]
             share = v - k
-            if (corner >> axis) & 1:
+            if (corner >> (axis - skipped)) & 1:
                 k = min(k + 1, count - 1)
             else:
                 share = 1.0 - share
@@ -316,15 +318,16 @@ def clearance_at(map_: Map, table: DistanceTable, q: Numbers) -> float:
 
 
 @kernel
-def position_along(map_: Map, q: Numbers, axis: int) -> float:
+def coordinate(map_: Map, position: Row, axis: int) -> float:
     """Return a coordinate in cells; farther ones than MAX_CELL are as far from everything."""
-    return min(max((q[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
+    return min(max((position[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
 
 
 @kernel
-def position_among_centers(map_: Map, q: Numbers, axis: int) -> float:
+def coordinate_among_centers(map_: Map, position: Row, axis: int) -> float:
     """Return a coordinate in cells from the first center, at most at the last one."""
-    return min(max(position_along(map_, q, axis) - 0.5, 0.0), map_.states.shape[axis + 1] - 1.0)
+    last = float(map_.states.shape[axis + 1] - 1)
+    return min(max(coordinate(map_, position, axis) - 0.5, 0.0), last)
 
 
 @kernel
@@ -334,11 +337,30 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
     Return the index of the first unusable configuration, or -1.
     """
     for n in range(points.shape[0]):
-        q = configuration(map_, points, n)
-        if not is_usable(map_, q):
+        position, rotation = position_in(map_, points, n), rotation_in(map_.rotations.borders, points[n])
+        if not is_usable(position, rotation):
             return n
-        out[n] = clearance_at(map_, table, q)
+        out[n] = clearance_at(map_, table, position, rotation)
     return -1
+
+
+@kernel
+def clearance_of(
+    map_: Map,
+    table: DistanceTable,
+    a: float,
+    b: float,
+    c: float,
+    d: float,
+    e: float,
+    f: float,
+    g: float,
+) -> float:
+    """Return the clearance of one configuration, in metres; see :func:`bind_numbers`."""
+    numbers = a, b, c, d, e, f, g
+    position = position_before(map_, numbers, MAX_SIZE)
+    rotation = rotation_before(map_.rotations.borders, numbers, MAX_SIZE)
+    return clearance_at(map_, table, position, rotation)
 
 
 def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[..., float]:
@@ -346,5 +368,6 @@ def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[
 
     It follows all changes of the map.
     """
-    evaluate = bind_kernel(clearance_at, (map_,), distances.whole(), (0.0,) * size)
-    return lambda *q: evaluate(distances.whole(), q)
+    padding = (0.0,) * (MAX_SIZE - size)
+    evaluate = bind_kernel(clearance_of, (map_,), distances.whole(), *[0.0] * MAX_SIZE)
+    return lambda *q: evaluate(distances.whole(), *padding, *q)

@@ -1,32 +1,39 @@
 """Compiled tests whether an edge is FREE.
 
 An edge is cut at the borders of rotation cells. Each piece lies in one slice of the map and is walked slab by slab.
-Positions are in cells along three axes; a map of the plane has one layer of cells along the first.
+Positions and rotations are as in :mod:`cspace.map.points`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
-import numpy as np
-
-from cspace.arrays import FREE, Bools, Floats
-from cspace.compiling import kernel
+from cspace.arrays import FREE, Bools, Floats, Numbers, Row
+from cspace.compiling import inlined, kernel
 from cspace.grid import SLACK
 from cspace.map.points import (
     MAX_POSITION,
     Cell,
-    Numbers,
-    Slice,
-    configuration,
-    get_slice,
+    grid_box,
     is_usable,
-    replaced,
+    outer_box,
+    position_in,
     run_is_free,
 )
-from cspace.map.storage import Map
+from cspace.map.record import Map
+from cspace.rotations.lookup import rotation_in
+from cspace.rotations.quaternion import count_arcs, find_arc, next_part, time_on_arc
+from cspace.rotations.yaw import (
+    clip_parameters,
+    count_yaw_arcs,
+    first_widened_cell,
+    signed_angle,
+    widened_bounds,
+    wrap_to_cells,
+)
 
-MIN_EXTENT_CELLS = 2.0**-500
+MIN_EXTENT_CELLS: Final = 2.0**-500
 """Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by it would overflow."""
 
 
@@ -37,47 +44,71 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,). Returns the index of the first
     unusable edge, or -1.
     """
-    for edge in range(starts.shape[0]):
-        q0, q1 = configuration(map_, starts, edge), configuration(map_, ends, edge)
-        if not (is_usable(map_, q0) and is_usable(map_, q1)):
-            return edge
-        out[edge] = edge_is_free(map_, q0, q1)
+    for k in range(starts.shape[0]):
+        p0, r0 = position_in(map_, starts, k), rotation_in(map_.rotations.borders, starts[k])
+        p1, r1 = position_in(map_, ends, k), rotation_in(map_.rotations.borders, ends[k])
+        if not (is_usable(p0, r0) and is_usable(p1, r1)):
+            return k
+        out[k] = edge_is_free(map_, p0, r0, p1, r1)
     return -1
 
 
 @kernel
-def edge_is_free(map_: Map, q0: Numbers, q1: Numbers) -> bool:
+def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """Return True if an edge is FREE.
 
     All closed cells within SLACK of it must be FREE. Along an edge the position moves straight and the rotation takes
-    the shortest arc.
+    the shortest arc; if two arcs are equally short up to rounding, both must be FREE.
     """
-    cursor = map_.rotations.first_piece(q0, q1)
-    while True:
-        more, slice_index, start, stop, cursor = map_.rotations.next_piece(cursor)
-        if not more:
-            return True
-        first, last = map_.lower, map_.lower
-        for axis in range(len(map_.lower)):
-            first = replaced(first, axis, between(q0[axis], q1[axis], start))
-            last = replaced(last, axis, between(q0[axis], q1[axis], stop))
-        if not segment_is_free(map_, slice_index, first, last):
+    if len(r0) == 4:
+        return quaternion_edge_is_free(map_, p0, r0, p1, r1)
+    borders, yaw0, yaw1 = map_.rotations.borders, r0[0], r1[0]
+    if borders.shape[0] == 0:
+        return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
+    start = wrap_to_cells(borders, yaw0)
+    for arc in range(count_yaw_arcs(yaw0, yaw1)):
+        angle = signed_angle(yaw0, yaw1, arc)
+        cell = first_widened_cell(borders, min(start, start + angle))
+        k, low, high = widened_bounds(borders, cell)
+        while not low > max(start, start + angle):  # also for NaN, which the test of the segment refuses
+            begin, stop = clip_parameters(low, high, start, angle)
+            s = int(map_.rotations.slice_of[k])
+            if not segment_is_free(map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)):
+                return False
+            cell += 1
+            k, low, high = widened_bounds(borders, cell)
+    return True
+
+
+@kernel
+def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
+    """Return the answer of :func:`edge_is_free` for quaternions."""
+    borders = map_.rotations.borders[0]
+    for number in range(count_arcs(r0, r1)):
+        arc = find_arc(r0, r1, number)
+        if not arc.tangent < 2.0:  # NaN
             return False
+        done, begin, more = 0.0, 0.0, True
+        while more:
+            cell, done, more = next_part(borders, arc, done)
+            stop = max(time_on_arc(arc, done), begin) if more else 1.0
+            s = int(map_.rotations.slice_of[cell])
+            # Where OMPL's rotation may jump, each part must be FREE along the whole edge.
+            first = p0 if arc.is_tiny else position_along(p0, p1, begin)
+            last = p1 if arc.is_tiny else position_along(p0, p1, stop)
+            if not segment_is_free(map_, s, first, last):
+                return False
+            begin = stop
+    return True
 
 
-@kernel
-def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-    """Return the configuration at t along an edge.
-
-    ``t`` runs from 0 to 1. ``arc`` selects one of several shortest arcs of the rotation; see ``arc_count``.
-    """
-    q = map_.rotations.turned(q0, q1, arc, t)
-    for axis in range(len(map_.lower)):
-        q = replaced(q, axis, between(q0[axis], q1[axis], t))
-    return q
+@inlined
+def position_along(p0: Row, p1: Row, t: float) -> Row:
+    """Return the position at t, from 0 to 1, between two positions."""
+    return between(p0[0], p1[0], t), between(p0[1], p1[1], t), between(p0[2], p1[2], t)
 
 
-@kernel
+@inlined
 def between(first: float, second: float, t: float) -> float:
     """Interpolate between two numbers at t in [0, 1].
 
@@ -92,62 +123,28 @@ def between(first: float, second: float, t: float) -> float:
 
 
 @kernel
-def segment_is_free(map_: Map, slice_index: int, first: Numbers, last: Numbers) -> bool:
-    """Return True if a segment in one slice is FREE.
-
-    It leads from position `first` to `last`, metres.
-    """
-    inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
-    dim, total = len(map_.lower), 0.0
-    p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
-    for axis in range(dim):
-        lower, upper, start, stop = map_.lower[axis], map_.upper[axis], first[axis], last[axis]
-        start_cells, stop_cells = (start - lower) / map_.spacing, (stop - lower) / map_.spacing
-        inside &= (min(start, stop) >= lower) & (max(start, stop) <= upper)
-        total += abs(start_cells) + abs(stop_cells)
-        p, q = replaced(p, 3 - dim + axis, start_cells), replaced(q, 3 - dim + axis, stop_cells)
+def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
+    """Return True if a segment in slice ``s``, from position `first` to `last`, touches only FREE cells."""
+    lower, upper, spacing = map_.lower, map_.upper, map_.spacing
+    p = (first[0] - lower[0]) / spacing, (first[1] - lower[1]) / spacing, (first[2] - lower[2]) / spacing
+    q = (last[0] - lower[0]) / spacing, (last[1] - lower[1]) / spacing, (last[2] - lower[2]) / spacing
+    inside, total = True, 0.0
+    for axis in range(3):
+        inside &= min(first[axis], last[axis]) >= lower[axis] and max(first[axis], last[axis]) <= upper[axis]
+        total += abs(p[axis]) + abs(q[axis])
     if not total <= MAX_POSITION:  # True for NaN
         return False
-    # A segment that leaves the grid is proven only if all cells outside both grid and box are FREE.
-    if not inside and map_.exterior[slice_index, 2 * dim] != FREE:
-        return False
-    slice_ = get_slice(map_, slice_index, inside)
-    low, high = slice_.low, slice_.high
-    for axis in range(3):
-        low = replaced(low, axis, min(low[axis], 0))
-        high = replaced(high, axis, max(high[axis], slice_.shape[axis] - 1))
-    return segment_is_free_in_box(slice_, p, q, low, high)
+    low, high = grid_box(map_)  # for a segment in the grid, whose configurations are in closed cells of the grid
+    if not inside:
+        # A segment that leaves the grid is proven only if all cells outside both grid and box are FREE.
+        if map_.exterior[s, 2 * map_.dim] != FREE:
+            return False
+        low, high = outer_box(map_, s)
+    return segment_is_free_in_box(map_, s, p, q, low, high)
 
 
-@kernel
-def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
-    """Return the range of t in a slab of cells.
-
-    A segment has the coordinates p + t (q - p), in cells; the slab has cells `first` to `last`. The range is widened by
-    SLACK; it is empty, with start > stop, if the segment misses the slab. Every operation rounds monotonically, so the
-    range of several cells contains the range of each. SLACK covers rounding, which grows with the length of the
-    segment.
-    """
-    if abs(q - p) < MIN_EXTENT_CELLS:
-        return 0.0, 1.0
-    scale = 1.0 / (q - p)
-    enter, leave = (first - SLACK - p) * scale, (last + 1 + SLACK - p) * scale
-    return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
-
-
-@kernel
-def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """Return the range of cells in a range of t.
-
-    The result is the first and the last cell. A segment has the coordinates p + t (q - p), in cells, for t from
-    ``start`` to ``stop``.
-    """
-    begin, end = p + start * (q - p), p + stop * (q - p)
-    return math.ceil(min(begin, end) - SLACK) - 1, math.floor(max(begin, end) + SLACK)
-
-
-@kernel
-def segment_is_free_in_box(slice_: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
+@inlined
+def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: Cell) -> bool:
     """Return True if a segment touches only FREE cells in a box.
 
     The segment leads from `p` to `q`, in cells. The box has the cells from `low` to `high`, both included; cells
@@ -166,6 +163,33 @@ def segment_is_free_in_box(slice_: Slice, p: Numbers, q: Numbers, low: Cell, hig
             if enter > leave:
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
-            if not run_is_free(slice_, i, j, max(low[2], bottom), min(high[2], top)):
+            if not run_is_free(map_, s, i, j, max(low[2], bottom), min(high[2], top)):
                 return False
     return True
+
+
+@inlined
+def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
+    """Return the range of t in a slab of cells.
+
+    A segment has the coordinates p + t (q - p), in cells; the slab has cells `first` to `last`. The range is widened by
+    SLACK; it is empty, with start > stop, if the segment misses the slab. Every operation rounds monotonically, so the
+    range of several cells contains the range of each. SLACK covers rounding, which grows with the length of the
+    segment.
+    """
+    if abs(q - p) < MIN_EXTENT_CELLS:
+        return 0.0, 1.0
+    scale = 1.0 / (q - p)
+    enter, leave = (first - SLACK - p) * scale, (last + 1 + SLACK - p) * scale
+    return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
+
+
+@inlined
+def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
+    """Return the range of cells in a range of t.
+
+    The result is the first and the last cell. A segment has the coordinates p + t (q - p), in cells, for t from
+    ``start`` to ``stop``.
+    """
+    begin, end = p + start * (q - p), p + stop * (q - p)
+    return math.ceil(min(begin, end) - SLACK) - 1, math.floor(max(begin, end) + SLACK)

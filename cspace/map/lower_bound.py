@@ -41,6 +41,7 @@ from scipy import ndimage
 
 from cspace.arrays import BLOCKED, FREE, Bools, Floats, Ints
 from cspace.map.search import NO_FACTORS, Estimate, Graph, Moves, search
+from cspace.map.storage import read_only
 
 STRETCH: Final = 1.0 / math.cos(0.5 * math.atan(0.5))
 """Largest distance of two corners in the graph, over the length of a segment that joins them."""
@@ -127,7 +128,7 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
     shape = passable.shape[0] + 1, passable.shape[1] + 1
     no_rotations = np.empty((1, 0), dtype=np.int64)
     graph = Graph(
-        np.ascontiguousarray(states),
+        read_only(states),
         np.zeros(1, dtype=np.int64),
         no_rotations,
         no_rotations.astype(np.float64),

@@ -92,7 +92,7 @@ def path_length(path: Floats, rotations: Rotations) -> float:
 
     A radian counts as :data:`METRES_PER_RADIAN`.
     """
-    steps, dim = rotations._steps_between(path[:-1], path[1:]), path.shape[1] - len(rotations.names)
+    steps, dim = rotations.steps_between(path[:-1], path[1:]), path.shape[1] - len(rotations.names)
     lengths = np.linalg.norm(steps[:, :dim], axis=1) + METRES_PER_RADIAN * np.linalg.norm(steps[:, dim:], axis=1)
     return float(lengths.sum())
 
@@ -106,8 +106,8 @@ def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | 
     shares, kept = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None], [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
         corners = np.repeat(corner[None], len(shares), axis=0)
-        backward = rotations._add_steps(corners, shares * rotations._steps_between(corner, kept[-1]))
-        forward = rotations._add_steps(corners, shares * rotations._steps_between(corner, after))
+        backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, kept[-1]))
+        forward = rotations.add_steps(corners, shares * rotations.steps_between(corner, after))
         first, last = kept[-1].tolist(), after.tolist()
         if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
             continue

@@ -1,319 +1,205 @@
-"""Compiled look-ups of configurations: cells, states, and free neighborhoods.
+"""Look-ups of configurations for kernels: cells, states, and free neighborhoods.
 
-Every function takes the record of a map, and a configuration as a tuple or configurations as an array, shape (n, size).
-The compiler unrolls loops over axes, so the same code serves two and three axes.
+Kernels take a configuration as a position (three numbers, in the middle of the layer in the plane) and a rotation (a
+tuple, see :mod:`cspace.rotations.lookup`), or configurations as rows of an array, shape (n, size).
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Final
 
-import numpy as np
-from numba.cpython.unsafe.tuple import tuple_setitem
-
-from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
-from cspace.compiling import kernel
+from cspace.arrays import FREE, MIXED, Bools, Floats, Numbers, Row, States
+from cspace.compiling import inlined, kernel
 from cspace.grid import MAX_COORDINATE, SLACK
-from cspace.map.storage import Cells, Map, TileCells, state_in
-from cspace.rotations.records import always_inline, jit
+from cspace.map.record import Map
+from cspace.rotations.lookup import is_rotation, rotation_cell, rotation_in
+from cspace.rotations.quaternion import QUOTIENT_SLACK, cell_index, normalise, parts_around, split
+from cspace.rotations.yaw import first_widened_cell, widened_bounds, wrap_to_cells
 
-Numbers = tuple[float, ...]
-Cell = tuple[int, ...]
-Entries = TypeVar("Entries", bound=tuple[float, ...])
+Cell = tuple[int, int, int]
+"""A cell along three axes."""
 
-
-class Replaced(Protocol):
-    """Function that replaces one entry of a tuple."""
-
-    def __call__(self, entries: Entries, index: int, entry: float, /) -> Entries:
-        """Return the tuple with another entry at an index."""
-        ...
-
-
-replaced: Replaced = tuple_setitem  # type: ignore[assignment]  # the type it has in compiled code
-
-MAX_CELL = 2.0**62
+MAX_CELL: Final = 2.0**62
 """Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
 
-MAX_POSITION = 8.0 * MAX_COORDINATE
+MAX_POSITION: Final = 8.0 * MAX_COORDINATE
 """Maximum sum of coordinates, in cells, of the ends of an edge or box that is not refused."""
 
-POINTS_PER_BLOCK = 1024
-"""Points looked up at a time, so that their scratch fits a core's first cache."""
 
-MAX_POINTS_ONE_BY_ONE = 32
-"""Number of points up to which each is looked up alone; the faster kernel for more takes a second to compile."""
-
-INSIDE, UNDECIDED = 255, 254
-"""Codes of points in the grid, and of points that need a closer look; all other codes are states."""
+# ---- configurations --------------------------------------------------------------------------------------------------
 
 
-# ---- one configuration -----------------------------------------------------------------------------------------------
+@inlined
+def position_in_plane(map_: Map, x: float, y: float) -> Row:
+    """Return a position in the plane, which is in the middle of the layer."""
+    return 0.5 * map_.spacing, x, y
 
 
-@always_inline
-def configuration(map_: Map, points: Floats, k: int) -> Numbers:
-    """Return row k of an array as a tuple."""
-    q = map_.lower + map_.rotations.zeros()
-    for axis in range(len(q)):
-        q = replaced(q, axis, points[k, axis])
-    return q
+@inlined
+def position_in(map_: Map, points: Floats, k: int) -> Row:
+    """Return the position of row k of an array of configurations."""
+    if map_.dim == 2:
+        return position_in_plane(map_, points[k, 0], points[k, 1])
+    return points[k, 0], points[k, 1], points[k, 2]
 
 
-@always_inline
-def is_usable(map_: Map, q: Numbers) -> bool:
-    """Return True if a configuration is finite and exact enough."""
-    usable = map_.rotations.is_usable(q)
-    for axis in range(len(map_.lower)):
-        usable &= math.isfinite(q[axis])
-    return usable
+@inlined
+def is_usable(position: Row, rotation: Numbers) -> bool:
+    """Return True if a configuration is finite and its rotation exact enough."""
+    x, y, z = position
+    return math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and is_rotation(rotation)
 
 
 @kernel
-def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
-    """Return (is in the grid, cell index, cell) of a configuration.
-
-    The index counts all slices in a row. The cell is ``(slice, x, y)`` or ``(slice, x, y, z)``; along each axis it
-    agrees with ``Grid.cell_of``.
-    """
-    inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
-    index = map_.rotations.slice_at(q)
-    cell: Cell = replaced(map_.states.shape, 0, index)
-    for axis in range(len(map_.lower)):
-        n = map_.states.shape[axis + 1]
-        i = math.floor(min(max((q[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL))
-        if i == n and q[axis] <= map_.upper[axis]:
-            i = n - 1
-        inside &= (i >= 0) & (i < n)
-        index = index * n + i
-        cell = replaced(cell, axis + 1, i)
-    return inside, index, cell
-
-
-@always_inline  # a call would take as long as its body
-def state_at(map_: Map, q: Numbers) -> int:
-    """Return the state of one configuration."""
-    inside, number, cell = cell_of(map_, q)
-    if inside:
-        return state_in(map_.cells, number)
-    boxed: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
-    exterior, dim, finite = map_.exterior[cell[0]], len(map_.lower), boxed
-    for axis in range(dim):
-        boxed &= (exterior[axis] <= cell[axis + 1]) & (cell[axis + 1] <= exterior[axis + dim])
-        finite &= math.isfinite(q[axis])
-    return exterior[2 * dim] if finite & (not boxed) else MIXED
-
-
-# ---- batches ---------------------------------------------------------------------------------------------------------
-
-
-@kernel
-def compute_codes(map_: Map, coordinates: Floats, slices: Ints, cells: Ints, codes: States) -> int:
-    """Compute cells and codes; count the UNDECIDED ones.
-
-    ``coordinates`` has all configurations in a row. A point in the grid gets its cell's index in ``cells`` and the code
-    INSIDE. A point clearly outside gets its state, if the robot does not rotate. All others are UNDECIDED: unusable, or
-    so near the grid's upper border that rounding may decide. There are no branches and all coordinates are read, so
-    that the loop is vectorized.
-    """
-    dim, shape = len(map_.lower), map_.states.shape
-    size = dim + len(map_.rotations.zeros())
-    # Tuples, because array entries would be read again after every write.
-    sizes, first, last = map_.lower, map_.lower, map_.lower
-    for axis in range(dim):
-        sizes = replaced(sizes, axis, float(shape[axis + 1]))
-        first = replaced(first, axis, float(map_.exterior[0, axis]))
-        last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
-    # ``rotates`` is a compile-time constant, so dead code is removed.
-    exterior, rotates = np.uint8(map_.exterior[0, 2 * dim]), size > dim
-    n_undecided = 0
-    q = map_.lower + map_.rotations.zeros()
-    for k in range(cells.shape[0]):
-        for axis in range(size):
-            q = replaced(
-                q, axis, coordinates[np.uint64(size * k + axis)]
-            )  # unsigned indices need no check for negative ones
-        cell, inside, near_border = map_.rotations.slice_among(slices, k), map_.rotations.is_usable(q), rotates
-        boxed, total = True, 0.0
-        for axis in range(dim):
-            u, n = (q[axis] - map_.lower[axis]) / map_.spacing, sizes[axis]
-            inside &= (u >= 0.0) & (u < n)
-            near_border |= (n <= u) & (u < n + 1.0)
-            boxed &= (first[axis] <= u) & (u < last[axis])
-            total += abs(u)
-            cell = cell * shape[axis + 1] + int(np.int64(u))
-        cells[k] = cell if inside else 0
-        unsure = near_border | (not (total < MAX_CELL))
-        code = INSIDE if inside else (UNDECIDED if unsure else (MIXED if boxed else exterior))
-        codes[k] = code
-        n_undecided += code == UNDECIDED
-    return n_undecided
-
-
-@kernel
-def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
-    """Write the states of points from their codes.
-
-    A separate loop without branches reads the map, so that many reads of a map larger than the cache overlap.
-    """
-    for k in range(cells.shape[0]):
-        out[k] = state_in(flat, cells[k])
-    for k in range(cells.shape[0]):
-        out[k] = out[k] if codes[k] == INSIDE else codes[k]
-
-
-def classify(map_: Map, points: Floats, out: States) -> int:
-    """Write states; return the first unusable row, or -1."""
-    one_by_one = len(points) <= MAX_POINTS_ONE_BY_ONE or isinstance(map_.cells, TileCells)
-    kernel = classify_few if one_by_one else classify_many
-    return kernel(map_, points, out)
-
-
-@kernel
-def classify_few(map_: Map, points: Floats, out: States) -> int:
-    """Write states one by one; see :func:`classify`."""
+def first_bad_row(map_: Map, points: Floats) -> int:
+    """Return the index of the first configuration that is not usable, or -1."""
     for k in range(points.shape[0]):
-        q = configuration(map_, points, k)
-        if not is_usable(map_, q):
+        if not is_usable(position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])):
             return k
-        out[k] = state_at(map_, q)
     return -1
 
 
-@jit
-def classify_many(map_: Map, points: Floats, out: States) -> int:
-    """Write states block by block; see :func:`classify`."""
-    # The length of a tuple is a compile-time constant, which lets the compiler vectorize.
-    size, coordinates, count = (
-        len(map_.lower + map_.rotations.zeros()),
-        points.reshape(-1),
-        min(POINTS_PER_BLOCK, len(points)),
+# ---- states ----------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def cell_along(coordinate: float, lower: float, upper: float, spacing: float, count: int) -> int:
+    """Return the cell of a coordinate, as ``Grid.cell_of``; it may be outside the grid."""
+    cell = math.floor(min(max((coordinate - lower) / spacing, -MAX_CELL), MAX_CELL))
+    return count - 1 if cell == count and coordinate <= upper else cell
+
+
+@inlined
+def cell_of(map_: Map, position: Row) -> Cell:
+    """Return the cell of a position, which may be outside the grid."""
+    (a, b, c), (x, y, z), h = map_.lower, map_.upper, map_.spacing
+    _, nx, ny, nz = map_.states.shape
+    return (
+        cell_along(position[0], a, x, h, nx),
+        cell_along(position[1], b, y, h, ny),
+        cell_along(position[2], c, z, h, nz),
     )
-    cells, codes, slices = np.empty(count, np.int64), np.empty(count, np.uint8), np.empty(count, np.int64)
-    for first in range(0, points.shape[0], POINTS_PER_BLOCK):
-        last = min(first + POINTS_PER_BLOCK, points.shape[0])
-        part = coordinates[size * first : size * last]
-        map_.rotations.slices_at(part, size, slices[: last - first])
-        n_undecided = compute_codes(map_, part, slices, cells[: last - first], codes)
-        read_states(map_.cells, cells[: last - first], codes, out[first:last])
-        if n_undecided == 0:
-            continue
-        for k in range(first, last):
-            if codes[k - first] == UNDECIDED:
-                q = configuration(map_, points, k)
-                if not is_usable(map_, q):
-                    return k
-                out[k] = state_at(map_, q)
+
+
+@inlined
+def is_in_grid(map_: Map, cell: Cell) -> bool:
+    """Return True if a cell is in the grid."""
+    _, nx, ny, nz = map_.states.shape
+    i, j, k = cell
+    return bool(0 <= i < nx and 0 <= j < ny and 0 <= k < nz)
+
+
+@inlined
+def slice_of(map_: Map, rotation: Numbers) -> int:
+    """Return the slice that contains a rotation."""
+    return int(map_.rotations.slice_of[rotation_cell(map_.rotations.borders, rotation)])
+
+
+@inlined
+def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
+    """Return the state of a configuration."""
+    s, cell = slice_of(map_, rotation), cell_of(map_, position)
+    if is_in_grid(map_, cell):
+        return int(map_.states[s, cell[0], cell[1], cell[2]])
+    first, last = exterior_box(map_, s)
+    for axis in range(3):
+        if not math.isfinite(position[axis]):
+            return MIXED
+        if not first[axis] <= cell[axis] <= last[axis]:
+            return int(map_.exterior[s, 2 * map_.dim])
+    return MIXED
+
+
+@kernel
+def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
+    """Return the first and the last cell of the box of MIXED cells outside the grid."""
+    row = map_.exterior[s]
+    if map_.dim == 2:
+        return (0, row[0], row[1]), (0, row[2], row[3])
+    return (row[0], row[1], row[2]), (row[3], row[4], row[5])
+
+
+@kernel
+def classify(map_: Map, points: Floats, out: States) -> int:
+    """Write states; return the index of the first unusable configuration, or -1."""
+    for k in range(points.shape[0]):
+        position, rotation = position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        if not is_usable(position, rotation):
+            return k
+        out[k] = state_at(map_, position, rotation)
     return -1
 
 
 # ---- boxes of cells --------------------------------------------------------------------------------------------------
-#
-# Loops over cells are written for three axes; the plane is space with one layer of cells along the first axis.
 
 
-@kernel
-def drop_slice(cell: Cell, layer: int) -> Cell:
-    """Return three axes of a cell, without its slice.
+@inlined
+def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> bool:
+    """Return True if cells ``first`` to ``last`` along the last axis are FREE.
 
-    Cells are ``(slice, x, y)`` or ``(slice, x, y, z)``; ``layer`` fills the missing axis.
+    Outside the grid, cells in the exterior box are MIXED; all others must be known to be FREE.
     """
-    three = (layer, layer, layer)
-    for axis in range(len(cell) - 1):
-        three = replaced(three, 4 - len(cell) + axis, cell[axis + 1])
-    return three
-
-
-class Slice(NamedTuple):
-    """One slice of a map along three axes.
-
-    Attributes
-    ----------
-    cells : ndarray of uint8, shape (n,), or TwoBits
-        States of all slices in a row.
-    start : int
-        Index of the first cell of this slice.
-    shape : tuple of int, length 3
-        Cells along each axis.
-    low, high : tuple of int, length 3
-        First and last cell of a box. Its cells outside the grid are not FREE; all other cells outside the grid are.
-    """
-
-    cells: Cells
-    start: int
-    shape: Cell
-    low: Cell
-    high: Cell
-
-
-@always_inline
-def get_slice(map_: Map, s: int, inside: bool) -> Slice:
-    """Return a slice by its index.
-
-    If ``inside``, everything outside the grid counts as FREE. Otherwise the box of MIXED cells is included, and all
-    other cells outside the grid must be FREE.
-    """
-    one: int = np.int64(1)  # type: ignore[assignment]  # numba requires one type from the start
-    dim, size, last = len(map_.lower), one, -one if inside else one - one
-    shape, low, high = (one, one, one), (one - one, one - one, one - one), (last, last, last)
-    for axis in range(dim):
-        size *= map_.states.shape[axis + 1]
-        shape = replaced(shape, 3 - dim + axis, map_.states.shape[axis + 1])
-        if not inside:
-            low = replaced(low, 3 - dim + axis, map_.exterior[s, axis])
-            high = replaced(high, 3 - dim + axis, map_.exterior[s, axis + dim])
-    return Slice(map_.cells, s * size, shape, low, high)
-
-
-@always_inline
-def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
-    """Return True if cells ``first`` to ``last`` are FREE.
-
-    Cells outside both grid and box count as FREE.
-    """
-    nx, ny, nz = part.shape
-    in_grid = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
+    _, nx, ny, nz = map_.states.shape
+    in_grid = 0 <= i < nx and 0 <= j < ny
     if in_grid:
-        column = part.start + (i * ny + j) * nz
         for k in range(max(first, 0), min(last, nz - 1) + 1):
-            if state_in(part.cells, column + k) != FREE:
+            if map_.states[s, i, j, k] != FREE:
                 return False
-    low, high = max(first, part.low[2]), min(last, part.high[2])
-    if low > high:
+        if first >= 0 and last < nz:
+            return True
+    low, high = exterior_box(map_, s)
+    if not (low[0] <= i <= high[0] and low[1] <= j <= high[1]):
         return True
-    in_box = (part.low[0] <= i) & (i <= part.high[0]) & (part.low[1] <= j) & (j <= part.high[1])
-    return (not in_box) | (in_grid & (low >= 0) & (high < nz))
+    begin, end = max(first, low[2]), min(last, high[2])
+    return begin > end or (in_grid and begin >= 0 and end < nz)
 
 
 @kernel
-def box_is_free(map_: Map, s: int, q: Numbers, distance: float) -> bool:
-    """Return True if all cells within ``distance`` are FREE.
+def grid_box(map_: Map) -> tuple[Cell, Cell]:
+    """Return the first and the last cell of the grid."""
+    _, nx, ny, nz = map_.states.shape
+    return (0, 0, 0), (nx - 1, ny - 1, nz - 1)
 
-    The cells are closed, and SLACK is added to the distance.
+
+@kernel
+def outer_box(map_: Map, s: int) -> tuple[Cell, Cell]:
+    """Return the first and the last cell of the smallest box around the grid and the exterior box."""
+    (a, b, c), (x, y, z) = exterior_box(map_, s)
+    _, nx, ny, nz = map_.states.shape
+    return (min(a, 0), min(b, 0), min(c, 0)), (max(x, nx - 1), max(y, ny - 1), max(z, nz - 1))
+
+
+@inlined
+def near_cells(map_: Map, position: Row, reach: float, axis: int) -> tuple[int, int]:
+    """Return the first and the last closed cell along an axis within ``reach`` cells of a position."""
+    place = (position[axis] - map_.lower[axis]) / map_.spacing
+    return math.ceil(place - reach) - 1, math.floor(place + reach)
+
+
+@kernel
+def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
+    """Return True if all cells of a slice within ``distance`` along each axis are FREE.
+
+    The cells are closed, and SLACK is added to the distance. In the plane, the box stays in the layer.
     """
-    inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
-    dim, reach, total = len(map_.lower), distance / map_.spacing + SLACK, 0.0
-    first, last = (0, 0, 0), (0, 0, 0)
-    for axis in range(dim):
-        position = (q[axis] - map_.lower[axis]) / map_.spacing
-        total += abs(position)
-        if total <= MAX_POSITION:  # False for NaN
-            low, high = math.ceil(position - reach) - 1, math.floor(position + reach)
-            inside &= (low >= 0) & (high < map_.states.shape[axis + 1])
-            first, last = replaced(first, 3 - dim + axis, low), replaced(last, 3 - dim + axis, high)
-    if not total + reach <= MAX_POSITION:
+    reach, total = distance / map_.spacing + SLACK, 0.0
+    for axis in range(3):
+        total += abs(position[axis] - map_.lower[axis]) / map_.spacing
+    if not total + reach <= MAX_POSITION:  # True for NaN
         return False
-    if not inside and map_.exterior[s, 2 * dim] != FREE:
-        return False
-    part = get_slice(map_, s, inside)
+    i0, i1 = near_cells(map_, position, reach if map_.dim == 3 else 0.0, 0)
+    j0, j1 = near_cells(map_, position, reach, 1)
+    k0, k1 = near_cells(map_, position, reach, 2)
+    low, high = grid_box(map_)
+    inside = low[0] <= i0 and low[1] <= j0 and low[2] <= k0 and i1 <= high[0] and j1 <= high[1] and k1 <= high[2]
     if not inside:
-        for axis in range(3):
-            first = replaced(first, axis, max(first[axis], min(part.low[axis], 0)))
-            last = replaced(last, axis, min(last[axis], max(part.high[axis], part.shape[axis] - 1)))
-    for i in range(first[0], last[0] + 1):
-        for j in range(first[1], last[1] + 1):
-            if not run_is_free(part, i, j, first[2], last[2]):
+        if map_.exterior[s, 2 * map_.dim] != FREE:
+            return False
+        low, high = outer_box(map_, s)
+    for i in range(max(i0, low[0]), min(i1, high[0]) + 1):
+        for j in range(max(j0, low[1]), min(j1, high[1]) + 1):
+            if not run_is_free(map_, s, i, j, max(k0, low[2]), min(k1, high[2])):
                 return False
     return True
 
@@ -325,23 +211,46 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
     Return the index of the first unusable configuration, or -1. The distance is along each axis.
     """
     for k in range(points.shape[0]):
-        q = configuration(map_, points, k)
-        if not is_usable(map_, q):
+        position, rotation = position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        if not is_usable(position, rotation):
             return k
-        out[k] = around_is_free(map_, q, distance, angle)
+        out[k] = around_is_free(map_, position, rotation, distance, angle)
     return -1
 
 
 @kernel
-def around_is_free(map_: Map, q: Numbers, distance: float, angle: float) -> bool:
-    """Return True if all near configurations are proven free.
-
-    They are within `distance` and `angle` of q.
-    """
-    cursor = map_.rotations.first_around(q, angle)
-    while True:
-        more, s, cursor = map_.rotations.next_around(cursor)
-        if not more:
+def around_is_free(map_: Map, position: Row, rotation: Numbers, distance: float, angle: float) -> bool:
+    """Return True if all configurations within ``distance`` and ``angle`` of another are proven free."""
+    if len(rotation) == 4:
+        return quaternions_around_are_free(map_, position, rotation, distance, angle)
+    borders = map_.rotations.borders
+    if borders.shape[0] == 0:
+        return box_is_free(map_, int(map_.rotations.slice_of[0]), position, distance)
+    start, reach = wrap_to_cells(borders, rotation[0]), min(angle, math.pi)
+    first = first_widened_cell(borders, start - reach)
+    for cell in range(first, first + borders.shape[0] - 1):
+        k, low, _ = widened_bounds(borders, cell)
+        if low > start + reach:
             return True
-        if not box_is_free(map_, s, q, distance):
+        if not box_is_free(map_, int(map_.rotations.slice_of[k]), position, distance):
             return False
+    return True
+
+
+@kernel
+def quaternions_around_are_free(map_: Map, position: Row, rotation: Numbers, distance: float, angle: float) -> bool:
+    """Return the answer of :func:`around_is_free` for quaternions."""
+    borders, q = map_.rotations.borders[0], normalise(rotation, 1.0)
+    reach = math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK  # a rotation's angle is twice that of its quaternion
+    for chart in range(4):
+        largest, a, b, c = split(q, chart)
+        i0, i1 = parts_around(borders, largest, a, reach)
+        j0, j1 = parts_around(borders, largest, b, reach)
+        k0, k1 = parts_around(borders, largest, c, reach)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for k in range(k0, k1 + 1):
+                    s = int(map_.rotations.slice_of[cell_index(borders, chart, i, j, k)])
+                    if not box_is_free(map_, s, position, distance):
+                        return False
+    return True

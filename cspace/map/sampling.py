@@ -55,11 +55,11 @@ def sample(
 
     There must be at least one FREE cell.
     """
-    rotation_cells = rotations._draw_cells(free.counts[slice_of], n, rng)
+    rotation_cells = rotations.draw_cells(free.counts[slice_of], n, rng)
     cells = np.unravel_index(free.draw(slice_of[rotation_cells], rng), grid.shape)
     within = rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=(n, grid.dim))
     positions = grid.lower + grid.spacing * (np.stack(cells, axis=1) + within)
-    return np.concatenate([positions, rotations._sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
+    return np.concatenate([positions, rotations.sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
 
 
 def nearest(states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
@@ -67,7 +67,7 @@ def nearest(states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q:
 
     A radian counts as half a metre.
     """
-    angular = rotations._angles_to_centers(q) / 2.0
+    angular = rotations.angles_to_centers(q) / 2.0
     best, min_distance = None, math.inf
     seen = set[int]()
     for rotation in np.argsort(angular, kind="stable").tolist():

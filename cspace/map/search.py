@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
 from cspace.compiling import clock, kernel
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
 
@@ -72,7 +73,7 @@ class Graph(NamedTuple):
 
     Attributes
     ----------
-    states : ndarray of uint8, shape (slices, nx, ny, nz)
+    states : ndarray of uint8, shape (slices, nx, ny, nz), read-only
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
     neighbors : ndarray of int64, shape (rotations, n)
@@ -187,7 +188,7 @@ def find_chain(
     dim = states.ndim - 1
     shape = (1,) * (3 - dim) + states.shape[1:]
     graph = Graph(
-        states.reshape(-1, *shape),
+        read_only(states.reshape(-1, *shape)),
         slice_of,
         neighbors,
         turns,
@@ -215,7 +216,7 @@ def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
     in metres.
     """
     centers = np.column_stack([np.zeros((len(rotations), dim)), rotations.centers])
-    steps = rotations._steps_between(centers[:, None], centers[rotations._neighbors])
+    steps = rotations.steps_between(centers[:, None], centers[rotations.neighbors])
     return np.asarray(METRES_PER_RADIAN / spacing * np.linalg.norm(steps, axis=-1))
 
 
@@ -278,7 +279,7 @@ def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: fl
     lowest = graph.states.min(axis=0, keepdims=True)
     factors = graph.factors.min(axis=0, keepdims=True) if graph.factors.size else NO_FACTORS
     positions = graph._replace(
-        states=lowest,
+        states=read_only(lowest),
         slice_of=np.zeros(1, dtype=np.int64),
         neighbors=graph.neighbors[:1, :0],
         turns=graph.turns[:1, :0],

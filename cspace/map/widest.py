@@ -25,8 +25,9 @@ from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.distance import Distances
 from cspace.map.paths import in_time, pulled_straight, waypoints
+from cspace.map.record import Map, make_record
 from cspace.map.search import EXACT_WEIGHT, check_deadline, find_chain
-from cspace.map.storage import Map, read_only
+from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 
 LEVELS_PER_CELL: Final = 64
@@ -83,7 +84,7 @@ class WidthMap:
         path = [tuple(cell.tolist())]
         while True:
             rotation, *position = path[-1]
-            others = self.rotations._neighbors[rotation].tolist()
+            others = self.rotations.neighbors[rotation].tolist()
             candidates = [(other, *position) for other in others if other >= 0]
             for axis, step in product(range(len(position)), (-1, 1)):
                 moved = position.copy()
@@ -107,7 +108,7 @@ class WidthMap:
         is_done = False
         while not is_done:
             check_deadline(until)
-            is_done = flood(layered, self.slice_of, self.rotations._neighbors, last, queue)
+            is_done = flood(layered, self.slice_of, self.rotations.neighbors, last, queue)
         return float(queue.level[0]) / LEVELS_PER_CELL
 
     def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
@@ -116,7 +117,7 @@ class WidthMap:
         Raises TimeoutError after ``until``.
         """
         states = narrow_states(self.widths, min_width)
-        turns = self.rotations._neighbors, self.turns
+        turns = self.rotations.neighbors, self.turns
         return find_chain(states, self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
 
 
@@ -230,7 +231,7 @@ def find_widest_path(
     cells passed. Raises TimeoutError after ``until``.
     """
     rotations, ends = widths.rotations, endpoints[1]
-    q = rotations._make_canonical(endpoints[0])
+    q = rotations.make_canonical(endpoints[0])
     up, down = (widths.climb(cell) for cell in ends)
     width = widths.bottleneck(up[-1], down[-1], until)
     if not width:
@@ -251,16 +252,17 @@ def find_widest_path(
     for begin, end, min_width in parts:
         if begin < end:
             positions = cells[max(begin - 1, 0) : end, 1:]
-            wide_map = _cut_wide_map(widths.widths, map_, positions, min_width)
+            wide_map = _cut_wide_map(widths.widths, map_, grid, positions, min_width)
             is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
             pieces.append(pulled_straight(path[begin : end + 1], rotations, is_free)[1:])
     return np.concatenate(pieces)
 
 
-def _cut_wide_map(widths: Distances, map_: Map, positions: Ints, min_width: float) -> Map:
+def _cut_wide_map(widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float) -> Map:
     """Return a map around positions in which cells of ``min_width`` or above are FREE."""
     first = np.maximum(positions.min(axis=0) - 1, 0)
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
     states = narrow_states(widths[(slice(None), *map(slice, first, stop))], min_width)
-    lower, upper = (tuple((map_.lower + map_.spacing * cell).tolist()) for cell in (first, stop))
-    return map_._replace(states=states, cells=states.reshape(-1), lower=lower, upper=upper)
+    lower = tuple((grid.lower + grid.spacing * first).tolist())
+    part = Grid(lower, grid.spacing, states.shape[1:])
+    return make_record(states, part, map_.exterior, map_.rotations)

@@ -250,8 +250,8 @@ class PlaneAnimation:
         self._nose.set_path(artists.nose(self._glyph, q))
         self._point.set_data(q[:1], q[1:2])
         rotations = self._space.rotations
-        self._head.set_text(" at ".join(filter(None, ["C-obstacle", rotations._format_rotation(np.round(q[2:], 2))])))
-        cell = int(rotations._cells_of(q))
+        self._head.set_text(" at ".join(filter(None, ["C-obstacle", rotations.format_rotation(np.round(q[2:], 2))])))
+        cell = int(rotations.find_cells(q))
         if cell != self._cell:
             self._cell = cell
             self._image.set_classes(self._classes(q))

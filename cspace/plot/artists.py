@@ -241,7 +241,7 @@ def draw_marks(
     handles = []
     for name, q in marks.items():
         position = [[coordinate] for coordinate in q[list(pair)]]
-        yaw = None if rotations is None else rotations._yaw_of(q)
+        yaw = None if rotations is None else rotations.find_yaw(q)
         if yaw is not None:
             _draw_heading(ax, position, yaw, styles[name]["markerfacecolor"], scale)
         handles += ax.plot(*position, label=name, **point, **styles[name])

@@ -183,7 +183,7 @@ def plot(
     look = Look(rotation, ax, center, zoom, surface, cut, camera, legend, title)
     kind = choose_view(space.axes, view, {name: getattr(look, name) for name in look._fields[:7]})
     if kind != "panels":
-        fixed = space.rotations._only_rotation if rotation is None else space.rotations._check_rotation(rotation)
+        fixed = space.rotations.only_rotation if rotation is None else space.rotations.check_rotation(rotation)
         look = look._replace(rotation=fixed)
     route = Route.of(space, path, start, goal, robot_every, zoom)
     if zoom is not None:
@@ -202,7 +202,7 @@ def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the view.
     """
-    rotation_axes = len(set(axes) & set(Rotations._all_names()))
+    rotation_axes = len(set(axes) & set(Rotations.all_names()))
     views = [*_VIEWS_IN[len(axes) - rotation_axes], *["panels", "rotations"][: 2 * bool(rotation_axes)]]
     if view is not None and view not in views:
         rule = f"it must be {' or '.join(views)}, because configurations are ({', '.join(axes)})"
@@ -359,7 +359,7 @@ def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     handles = artists.make_cell_legend([classes], space, box, several=look.rotation is None)
     handles += artists.draw_route(ax, route)
     artists.frame(ax, box, stretch, labels=space.grid.labels)
-    artists.annotate(ax, space, look, stretch, space.rotations._describe(look.rotation), handles, tall=tall)
+    artists.annotate(ax, space, look, stretch, space.rotations.describe(look.rotation), handles, tall=tall)
     return ax
 
 

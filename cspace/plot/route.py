@@ -79,7 +79,7 @@ class RobotGlyph:
 
     def transform(self, points: Floats, q: Floats) -> Floats:
         """Transform points, shape (..., d), from the robot's frame to the map's."""
-        return np.asarray(points @ self.rotations._rotation_matrices(q).T + q[: self.dim])
+        return np.asarray(points @ self.rotations.rotation_matrices(q).T + q[: self.dim])
 
     def extent(self, q: Floats) -> Floats:
         """Return lower and upper corner of the robot and its reference point.
@@ -114,14 +114,14 @@ class RobotGlyph:
 
     def noses(self, q: Floats) -> list[Floats]:
         """Return the nose at a configuration, if it has a heading."""
-        return [self.transform(self.nose, q)] if len(self.nose) and self.rotations._yaw_of(q) is not None else []
+        return [self.transform(self.nose, q)] if len(self.nose) and self.rotations.find_yaw(q) is not None else []
 
     def path_lengths(self, points: Floats) -> Floats:
         """Return the length of a path up to each configuration.
 
         The result has shape (n,), metres. A rotation counts as the distance that the robot's farthest point moves.
         """
-        steps = self.rotations._steps_between(points[:-1], points[1:])
+        steps = self.rotations.steps_between(points[:-1], points[1:])
         angles = np.linalg.norm(steps[:, self.dim :], axis=1)
         lengths = np.linalg.norm(steps[:, : self.dim], axis=1) + self.reach * angles
         return np.concatenate([[0.0], np.cumsum(lengths)])
@@ -134,8 +134,8 @@ class RobotGlyph:
         lengths = self.path_lengths(points)
         index = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
         first = np.minimum(index.astype(np.int64), max(len(points) - 2, 0))
-        steps = self.rotations._steps_between(points[first], points[np.minimum(first + 1, len(points) - 1)])
-        return self.rotations._add_steps(points[first], (index - first)[:, np.newaxis] * steps)
+        steps = self.rotations.steps_between(points[first], points[np.minimum(first + 1, len(points) - 1)])
+        return self.rotations.add_steps(points[first], (index - first)[:, np.newaxis] * steps)
 
 
 class Part:

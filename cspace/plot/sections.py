@@ -54,7 +54,7 @@ def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
         for entry in _draw_route(ax, pair, across, route, float(point[across])):
             entries.setdefault(entry.get_label(), entry)
     handles = artists.make_cell_legend(shown, space, box, several=look.rotation is None) + list(entries.values())
-    artists.annotate(panels[2][0], space, look, stretch, space.rotations._describe(look.rotation), handles)
+    artists.annotate(panels[2][0], space, look, stretch, space.rotations.describe(look.rotation), handles)
     return panels[2][0]
 
 
@@ -77,7 +77,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     panels = _grid_of_panels(len(shown), box)
     classes: list[artists.Classes] = []
     entries: dict[str, Any] = {}
-    shown = np.array([rotations._check_rotation(given) for given in shown])
+    shown = np.array([rotations.check_rotation(given) for given in shown])
     for ax, rotation, part in zip(panels.flat, shown, _split_route(space, route, shown), strict=False):
         classes.append(artists.classify_cells(space, rotation, layer))
         artists.draw_cells(ax, grid, classes[-1])
@@ -86,7 +86,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
                 entry.set_label(_NEAREST_LABEL)
             entries.setdefault(entry.get_label(), entry)
         artists.frame(ax, box, stretch, limits=ax is panels[0, 0])
-        ax.set_title(rotations._format_rotation(rotation), loc="left", fontsize=9)
+        ax.set_title(rotations.format_rotation(rotation), loc="left", fontsize=9)
         ax.tick_params(labelsize=8)
     for ax in panels.flat[len(shown) :]:
         ax.remove()
@@ -97,7 +97,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     for ax in panels[:, 0]:
         ax.set_ylabel(grid.labels[1], fontsize=9)
     first: Axes = panels.flat[0]
-    about = rotations._describe(None).replace("over all rotations, ", "")
+    about = rotations.describe(None).replace("over all rotations, ", "")
     names = zip(space.grid.axes[2:], point[2:], space.grid.units[2:], strict=True)
     about = ", ".join([about, *(f"{name} = {height:.4g} {unit}" for name, height, unit in names)])
     artists.annotate(
@@ -118,13 +118,13 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
     rotations = space.rotations
     states = np.array([space.states_at(each)[cell] for each in space.slice_rotations])[space.slice_of]
     ground, shown = artists.classify_ground(space.workspace, cell), []
-    dials = rotations._dials(*_dial_pixels())
+    dials = rotations.make_dials(*_dial_pixels())
     rows = -(-len(dials) // _DIALS_PER_ROW)
     columns = -(-len(dials) // rows)
     panels = artists.new_figure(2.6 * columns + 0.8, 2.9 * rows + 1.0).subplots(rows, columns, squeeze=False)
     colors = to_rgba_array([color for _, color in artists.CLASSES])
     for ax, dial in zip(panels.flat, dials, strict=True):
-        first_states, second_states = states[rotations._cells_of(dial.rotations)]
+        first_states, second_states = states[rotations.find_cells(dial.rotations)]
         shown.append(artists.merge_classes(ground, np.where(first_states == MIXED, second_states, first_states)))
         picture = np.zeros((*dial.inside.shape, 4))
         picture[dial.inside] = colors[shown[-1]]
@@ -224,8 +224,8 @@ def _split_route(space: MapLike, route: Route, shown: Floats) -> list[Route]:
 
     All rotations of a slice count as its panel's rotation. ``shown`` are the rotations of the panels, shape (n, k).
     """
-    rotations, slices, dim = space.rotations, space.rotations._slices_for(space.robot.shape), space.grid.dim
-    panel_rotations = [rotations.centers[slices == slices[rotations._cells_of(rotation)]] for rotation in shown]
+    rotations, slices, dim = space.rotations, space.rotations.assign_slices(space.robot.shape), space.grid.dim
+    panel_rotations = [rotations.centers[slices == slices[rotations.find_cells(rotation)]] for rotation in shown]
 
     def nearest_panel(q: Floats) -> Ints:
         """Return the nearest panel of each configuration.
@@ -238,18 +238,18 @@ def _split_route(space: MapLike, route: Route, shown: Floats) -> list[Route]:
         for nearest, centers in zip(angles, panel_rotations, strict=True):
             for center in centers:
                 rotated = np.concatenate([q[:, :dim], np.broadcast_to(center, (len(q), len(center)))], axis=1)
-                np.minimum(nearest, np.linalg.norm(rotations._steps_between(q, rotated)[:, dim:], axis=1), out=nearest)
+                np.minimum(nearest, np.linalg.norm(rotations.steps_between(q, rotated)[:, dim:], axis=1), out=nearest)
         return np.asarray(angles.argmin(axis=0))
 
     points, lost = route.points, route.lost
     if len(points) > 1:
         # The robot rotates evenly between two rows, so small steps find where another panel becomes the nearest.
-        steps = rotations._steps_between(points[:-1], points[1:])
+        steps = rotations.steps_between(points[:-1], points[1:])
         counts = np.ceil(np.linalg.norm(steps[:, dim:], axis=1) / _MAX_ROTATION_STEP).astype(np.int64).clip(1)
         step = np.repeat(np.arange(len(counts)), counts)
         share = (np.arange(len(step)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[step]
-        rows = rotations._add_steps(points[step], share[:, np.newaxis] * steps[step])
-        centers = rotations._add_steps(rows, 0.5 * steps[step] / counts[step, np.newaxis])
+        rows = rotations.add_steps(points[step], share[:, np.newaxis] * steps[step])
+        centers = rotations.add_steps(rows, 0.5 * steps[step] / counts[step, np.newaxis])
         points, lost = np.concatenate([rows, points[-1:]]), lost[step] if len(lost) else lost
         step_panels = nearest_panel(centers)
     mark_panels = {name: int(nearest_panel(q[np.newaxis])[0]) for name, q in route.marks.items()}

@@ -240,7 +240,7 @@ def paint_surface(space: MapLike, route: Route, look: Look, *, moving: bool = Fa
         painting.add_path(route.interpolate(shares)[:, :3], lost, "path, dotted behind something")
     handles = [*painting.handles.values(), *artists.draw_marks(painting.axes, route.marks, pair=(0, 1, 2))]
     about = [f"cut at {space.grid.axes[2]} = {top:.4g} {space.grid.units[2]}"] * (top < space.grid.upper[2])
-    about += filter(None, [space.rotations._describe(look.rotation)])
+    about += filter(None, [space.rotations.describe(look.rotation)])
     artists.annotate(painting.axes, space, look, painting.stretch, ", ".join(about), handles)
     return painting
 

@@ -11,10 +11,9 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
+from cspace.arrays import Bools, Floats, Ints
 from cspace.check import check_finite
 from cspace.errors import AngleWarning, InputError, warn_user
-from cspace.rotations.records import compilable
 
 METRES_PER_RADIAN: Final = 0.5
 """Length that a rotation by one radian adds to a path, as in OMPL's SE(2) and SE(3)."""
@@ -79,9 +78,6 @@ def beside(angle: Floats, other: Floats) -> Floats:
     """Shift angles by whole turns to within pi of other angles."""
     return angle + TWO_PI * np.rint((other - angle) / TWO_PI)
 
-
-Cursor = Any
-"""State of a walk over rotation cells, which only its kind reads."""
 
 MAX_PAIRS_PER_BATCH: Final = 2**20
 """Maximum number of pairs of rotation and cell that are compared at a time."""
@@ -177,79 +173,21 @@ DIAL_OFFSETS: Final = np.array([[-1e-6], [1e-6]])
 """Offsets, in radians, of the two rotations that are looked up for a pixel of a dial."""
 
 
-class CompiledRotations(Protocol):
-    """Interface of the records that compiled look-ups use.
+class RotationTable(NamedTuple):
+    """Rotation cells for kernels; see :mod:`cspace.rotations.lookup`.
 
-    Each is a NamedTuple of arrays, whose methods numba compiles into their callers. Configurations are tuples of
-    floats; the last numbers are the rotation.
+    Attributes
+    ----------
+    borders : ndarray of float64
+        Boundaries of the yaw cells, shape (n + 1,), which is empty for a single cell; or boundaries of the parts of an
+        axis of quotients, shape (1, n + 1), for quaternions. Compiled code knows the number of axes, so it has no
+        quaternions unless the map has.
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
     """
 
-    @property
-    def slice_of(self) -> Sequence[int] | Ints:
-        """Slice of each rotation cell."""
-
-    def zeros(self) -> Numbers:
-        """Return the origin of the coordinates of a rotation.
-
-        For a yaw it is the first boundary.
-        """
-
-    def is_usable(self, q: Numbers) -> bool:
-        """Return True if the coordinates of a rotation are finite and exact enough."""
-
-    def cell_at(self, q: Numbers) -> int:
-        """Return the rotation cell that contains the rotation of a configuration."""
-
-    def slice_at(self, q: Numbers) -> int:
-        """Return the slice that contains the rotation of a configuration."""
-
-    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """Write the slices of a batch, to be read by :meth:`slice_among`.
-
-        ``numbers`` is the flat batch. Rotations that are not usable get any slice.
-        """
-
-    def slice_among(self, slices: Ints, k: int) -> int:
-        """Return the slice of entry k of a batch."""
-
-    def first_piece(self, q0: Numbers, q1: Numbers) -> Cursor:
-        """Begin a walk along an edge, which follows the shortest rotation."""
-
-    def next_piece(self, cursor: Cursor) -> tuple[bool, int, float, float, Cursor]:
-        """Return the next piece of the edge.
-
-        Returns whether there is one, its slice, start, stop and the cursor. Parameters along an edge run from 0 to 1.
-        Cells are widened by the rounding allowance, so pieces overlap.
-        """
-
-    def first_around(self, q: Numbers, angle: float) -> Cursor:
-        """Begin a walk over the rotation cells within an angle.
-
-        The angle is from the rotation of a configuration.
-        """
-
-    def next_around(self, cursor: Cursor) -> tuple[bool, int, Cursor]:
-        """Return the next of these cells: whether there is one, and its slice."""
-
-    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Return the number of shortest arcs between two rotations.
-
-        Two arcs that are equal up to rounding count as two.
-        """
-
-    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of a shortest arc, and its error; radians.
-
-        ``arc``, from 0 to ``arc_count - 1``, selects one of the shortest arcs from ``q0`` to ``q1``. The error bounds
-        the angle between the rotations on the arc and those of a planner that interpolates in its own way: OMPL's
-        may jump between nearly equal quaternions.
-        """
-
-    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """Return the first configuration, rotated to t in [0, 1] along an arc."""
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        """Return the rows of the rotation matrix of a configuration in space."""
+    borders: Floats
+    slice_of: Ints
 
 
 class Symmetric(Protocol):
@@ -291,21 +229,21 @@ class Rotations(ABC):
     """Classes of rotation cells by name, see ``cspace.rotations``."""
 
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
-    """Descriptions of ``_coordinates`` by name; the first name is unique to the kind."""
+    """Descriptions of ``stored_arrays`` by name; the first name is unique to the kind."""
 
     names: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[tuple[str, ...]] = ()
 
-    _examples: ClassVar[tuple[str, ...]] = ()
+    examples: ClassVar[tuple[str, ...]] = ()
     """Example values as texts: angles with their unit."""
 
-    _limits: ClassVar[str] = ""
+    limits: ClassVar[str] = ""
     """Rule for the coordinates, for messages; empty if there is none."""
 
-    _slack: ClassVar[float] = ANGLE_SLACK
+    slack: ClassVar[float] = ANGLE_SLACK
     """Maximum rotation error of a configuration due to rounding, in radians."""
 
-    _about_z: ClassVar[bool] = False
+    about_z: ClassVar[bool] = False
     """True if all rotations are about the z axis."""
 
     @staticmethod
@@ -326,7 +264,7 @@ class Rotations(ABC):
         """
         if isinstance(value, Rotations):
             return value
-        return Rotations.KINDS["fixed" if value is None else "yaw"]._of_value(value)
+        return Rotations.KINDS["fixed" if value is None else "yaw"].of_value(value)
 
     @staticmethod
     def quaternions(n: int) -> Rotations:
@@ -352,81 +290,81 @@ class Rotations(ABC):
         >>> len(cspace.Rotations.quaternions(8))
         2048
         """
-        return Rotations.KINDS["quaternions"]._of_value(n)
+        return Rotations.KINDS["quaternions"].of_value(n)
 
     @staticmethod
-    def _from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
-        """Make rotation cells from their ``_coordinates``, exactly.
+    def from_stored_arrays(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+        """Make rotation cells from their ``stored_arrays``, exactly.
 
         Other arrays are ignored.
         """
-        kinds = reversed(Rotations.KINDS.values())  # the first kind has no coordinates
-        return next(
-            kind._of_coordinates(coordinates) for kind in kinds if all(name in coordinates for name in kind.COORDINATES)
-        )
+        for kind in reversed(Rotations.KINDS.values()):
+            if coordinates.keys() >= kind.COORDINATES.keys():
+                break  # at the latest the first kind, which has no arrays
+        return kind.of_stored_arrays(coordinates)
 
     @staticmethod
-    def _all_names() -> list[str]:
+    def all_names() -> list[str]:
         """Return the coordinate names of all kinds of rotations.
 
         No other coordinate has such a name.
         """
-        return list(Rotations._all_units())
+        return list(Rotations.all_units())
 
     @staticmethod
-    def _all_units() -> dict[str, str]:
+    def all_units() -> dict[str, str]:
         """Return the units of all coordinates of rotations, by name."""
         kinds = Rotations.KINDS.values()
         return {name: unit for kind in kinds for name, unit in zip(kind.names, kind.units, strict=True)}
 
     @staticmethod
-    def _all_limits() -> str:
+    def all_limits() -> str:
         """Return the rule for configurations of all kinds, for messages."""
-        limits = (kind._limits for kind in Rotations.KINDS.values() if kind._limits)
+        limits = (kind.limits for kind in Rotations.KINDS.values() if kind.limits)
         return f"numbers must be finite, {', '.join(limits)}"
 
     @classmethod
     @abstractmethod
-    def _of_value(cls, value: ArrayLike | None) -> Rotations:
+    def of_value(cls, value: ArrayLike | None) -> Rotations:
         """Make cells of one kind from the user's value, after checking it."""
 
     @classmethod
     @abstractmethod
-    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
-        """Make cells of one kind from their ``_coordinates``."""
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+        """Make cells of one kind from their ``stored_arrays``."""
 
     # ---- rotations as numbers
 
-    def _make_canonical(self, q: Floats, name: str = "q") -> Floats:
+    def make_canonical(self, q: Floats, name: str = "q") -> Floats:
         """Wrap yaws of configurations to [-pi, pi), and normalise quaternions.
 
         Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged to the last bit.
 
         Raises InputError if a yaw is too large to be wrapped exactly, or the norm of a quaternion is not 1 within 1e-6.
         """
-        position, rotation = self._parts(q)
-        return np.concatenate([position, self._canonical(rotation, name)], axis=-1)
+        position, rotation = self.split_configurations(q)
+        return np.concatenate([position, self.canonical_rotation(rotation, name)], axis=-1)
 
-    def _steps_between(self, q0: Floats, q1: Floats) -> Floats:
+    def steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation."""
-        (position0, rotation0), (position1, rotation1) = self._parts(q0), self._parts(q1)
-        return np.concatenate([position1 - position0, self._rotation_between(rotation0, rotation1)], axis=-1)
+        (position0, rotation0), (position1, rotation1) = self.split_configurations(q0), self.split_configurations(q1)
+        return np.concatenate([position1 - position0, self.rotation_between(rotation0, rotation1)], axis=-1)
 
-    def _add_steps(self, q: Floats, steps: Floats) -> Floats:
+    def add_steps(self, q: Floats, steps: Floats) -> Floats:
         """Return configurations after steps or fractions of steps.
 
         The rotation is even along a step.
         """
-        position, rotation = self._parts(q)
+        position, rotation = self.split_configurations(q)
         dim = position.shape[-1]
-        return np.concatenate([position + steps[..., :dim], self._rotate(rotation, steps[..., dim:])], axis=-1)
+        return np.concatenate([position + steps[..., :dim], self.rotate(rotation, steps[..., dim:])], axis=-1)
 
-    def _rotation_matrices(self, q: Floats) -> Floats:
+    def rotation_matrices(self, q: Floats) -> Floats:
         """Return the rotation matrices of configurations, shape (..., d, d)."""
-        position, rotation = self._parts(q)
-        return self._matrices(rotation, position.shape[-1])
+        position, rotation = self.split_configurations(q)
+        return self.make_matrices(rotation, position.shape[-1])
 
-    def _check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
+    def check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
         """Check one rotation; return its canonical coordinates.
 
         Raises InputError if it is not one rotation.
@@ -435,50 +373,50 @@ class Rotations(ABC):
         if numbers.shape != (len(self.names),):
             rule = f"a rotation is given by {', '.join(self.names)}" if self.names else "the robot does not turn"
             raise InputError(name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation)
-        canonical = self._canonical(numbers, name)
+        canonical = self.canonical_rotation(numbers, name)
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
 
-    def _format_rotation(self, rotation: Floats) -> str:
+    def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         return ""
 
-    def _from_matrix(self, matrix: Floats) -> Floats:
+    def from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix.
 
         The matrix is in space; for a yaw, its part about z counts.
         """
         return np.empty(0)
 
-    def _yaw_of(self, q: Floats) -> float | None:
+    def find_yaw(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians; None if there is none."""
         return None
 
-    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle, from uniform numbers of [0, 1).
 
         Uses plain floats, because samples are made one by one.
         """
         return rotation
 
-    def _parts(self, q: Floats) -> tuple[Floats, Floats]:
+    def split_configurations(self, q: Floats) -> tuple[Floats, Floats]:
         """Split configurations into position and rotation."""
         dim = q.shape[-1] - len(self.names)
         return q[..., :dim], q[..., dim:]
 
-    def _canonical(self, rotation: Floats, name: str) -> Floats:
+    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Return canonical coordinates of rotations."""
         return rotation
 
-    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the rotation vectors from rotations to others."""
         return second - first
 
-    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Apply rotation vectors to rotations."""
         return rotation
 
-    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of rotations."""
         return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
 
@@ -495,7 +433,7 @@ class Rotations(ABC):
         """
         return np.zeros((), dtype=np.int64)
 
-    def _one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
+    def find_one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
         """Return the cell that contains a rotation, or the only cell.
 
         Raises
@@ -506,27 +444,27 @@ class Rotations(ABC):
         if rotation is None and len(self) > 1:
             rule = f"{rule}, and this map has {len(self)} rotation cells"
             raise InputError(name, "is missing", rule, f"pass the one to take, by {', '.join(self.names)}")
-        return int(self._cells_of(self.centers[0] if rotation is None else self._check_rotation(rotation, name)))
+        return int(self.find_cells(self.centers[0] if rotation is None else self.check_rotation(rotation, name)))
 
-    def _cells_of(self, q: Floats) -> Ints:
+    def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations, shape (..., d + size)."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
-    def _leading_axes(self, n: int) -> tuple[int, ...]:
+    def leading_axes(self, n: int) -> tuple[int, ...]:
         """Return the leading axes of n grids.
 
         The axes of such an array are (), or (n,) if there can be several.
         """
         return (n,)
 
-    def _preserve(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Return True if rotations leave a shape unchanged.
 
         All rotations of all cells must map the shape to itself.
         """
         return True
 
-    def _check_dimension(self, dim: int) -> None:  # noqa: B027
+    def check_dimension(self, dim: int) -> None:  # noqa: B027
         """Refuse dimensions that do not have such rotations.
 
         Raises
@@ -535,18 +473,18 @@ class Rotations(ABC):
             If ``dim`` is one.
         """
 
-    def _argument_for_fewer(self, share: float) -> str:
+    def argument_for_fewer(self, share: float) -> str:
         """Return the argument for fewer cells, for messages.
 
         It gives at most the fraction ``share`` of the cells.
         """
         return ""
 
-    def _doubled(self) -> tuple[str, Rotations] | None:
+    def make_finer(self) -> tuple[str, Rotations] | None:
         """Return cells of half the width and their argument, or None."""
         return None
 
-    def _slices_for(self, shape: Symmetric) -> Ints:
+    def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 
         Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered from 0, in the order
@@ -554,7 +492,7 @@ class Rotations(ABC):
         """
         return np.zeros(1, dtype=np.int64)
 
-    def _shape_cells(self, dim: int) -> list[RotationCell]:
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form for shapes of dimension ``dim``."""
         return [NO_ROTATION]
 
@@ -573,7 +511,7 @@ class Rotations(ABC):
         return np.zeros(1)
 
     @property
-    def _coordinates(self) -> dict[str, Floats]:
+    def stored_arrays(self) -> dict[str, Floats]:
         """Arrays that describe the cells in files, by name.
 
         The first axis counts the cells.
@@ -581,33 +519,33 @@ class Rotations(ABC):
         return {}
 
     @property
-    def _volumes(self) -> Floats:
+    def volumes(self) -> Floats:
         """Volume of each cell, shape (count,), in any unit."""
         return np.ones(1)
 
-    def _draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Draw cells with probabilities proportional to volume times share, shape (n,).
 
         ``shares``, shape (count,), has an entry above zero.
         """
-        sizes = shares * self._volumes
+        sizes = shares * self.volumes
         return rng.choice(len(self), size=n, p=sizes / sizes.sum())
 
-    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a rotation uniformly from each of some cells, shape (n, size).
 
         ``margin`` is the fraction of a cell that is left out at each boundary.
         """
         return np.zeros((len(cells), 0))
 
-    def _angles_to_centers(self, q: Floats) -> Floats:
+    def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles between rotations and the representatives of all cells.
 
         ``q`` are configurations, shape (..., d + size); the result has the shape (..., count), radians.
         """
         return np.zeros((*q.shape[:-1], 1))
 
-    def _cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+    def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """Return the rotation cells near configurations.
 
         They have a rotation within an angle of the rotation of each configuration. ``q`` has the shape (n, d + size),
@@ -617,20 +555,20 @@ class Rotations(ABC):
         rows, cells, batch = [], [], max(1, MAX_PAIRS_PER_BATCH // len(self))
         for k in range(0, max(len(q), 1), batch):
             reach = self.covering_angles + angles[k : k + batch, None]
-            row, cell = np.nonzero(self._angles_to_centers(q[k : k + batch]) <= reach)
+            row, cell = np.nonzero(self.angles_to_centers(q[k : k + batch]) <= reach)
             rows.append(row + k)
             cells.append(cell)
         return np.concatenate(rows), np.concatenate(cells)
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Cells that share a boundary with each cell, shape (count, n).
 
         Missing neighbours are -1.
         """
         return np.zeros((1, 0), dtype=np.int64)
 
-    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the rotations and mirrors that map cells to cells.
 
         Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A equals S R M A for every
@@ -639,11 +577,11 @@ class Rotations(ABC):
         """
         return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
-    def _compile(self, slice_of: Ints) -> CompiledRotations:
-        """Return the record for compiled look-ups."""
-        return OneCell((0,))
+    def make_lookups(self, slice_of: Ints) -> RotationTable:
+        """Return the rotation cells for kernels."""
+        return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
 
-    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return all rotations as dials.
 
         The pixels are at x and y, shape (n, n) each. The list is empty if there is no rotation.
@@ -651,22 +589,22 @@ class Rotations(ABC):
         return []
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Facts about the cells, for people, by name."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": len(self), "rotation_cell_deg": round(width, 6)}
 
     @property
-    def _only_rotation(self) -> Floats | None:
+    def only_rotation(self) -> Floats | None:
         """Rotation of a robot that only translates, shape (0,); None for others."""
         return None
 
-    def _describe(self, rotation: Floats | None) -> str:
+    def describe(self, rotation: Floats | None) -> str:
         """Describe the cell that contains a rotation, or else all cells."""
         angles = np.degrees(2.0 * self.covering_angles)
         if rotation is not None:
             return (
-                f"{self._format_rotation(rotation)}, in a rotation cell of {angles[self.cell_of(rotation)].item():.3g}°"
+                f"{self.format_rotation(rotation)}, in a rotation cell of {angles[self.cell_of(rotation)].item():.3g}°"
             )
         width = f"{angles.min():.3g}°" + ("" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°")
         return f"over all rotations, {len(self)} rotation cells of {width}"
@@ -684,97 +622,36 @@ class Rotations(ABC):
 class OneRotation(Rotations):
     """The one rotation cell of a robot that only translates."""
 
-    _slack: ClassVar[float] = 0.0
+    slack: ClassVar[float] = 0.0
 
     @classmethod
-    def _of_value(cls, value: ArrayLike | None = None) -> OneRotation:
+    def of_value(cls, value: ArrayLike | None = None) -> OneRotation:
         """Return the only cell."""
         return cls()
 
     @classmethod
-    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
         """Return the only cell."""
         return cls()
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
+        """No facts."""
         return {}
 
     @property
-    def _only_rotation(self) -> Floats:
+    def only_rotation(self) -> Floats:
         """The rotation, shape (0,)."""
         return np.empty(0)
 
-    def _describe(self, rotation: Floats | None) -> str:
+    def describe(self, rotation: Floats | None) -> str:
         """Return an empty text."""
         return ""
 
-    def _leading_axes(self, n: int) -> tuple[int, ...]:
+    def leading_axes(self, n: int) -> tuple[int, ...]:
         """Return no axes."""
         return ()
 
-    def _draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Return cell 0 ``n`` times, without a draw."""
         return np.zeros(n, dtype=np.int64)
-
-
-@compilable
-class OneCell(NamedTuple):
-    """Record for compiled look-ups of a robot that only translates."""
-
-    slice_of: tuple[int]
-
-    def zeros(self) -> tuple[()]:
-        """Return the origin of the coordinates of a rotation."""
-        return ()
-
-    def is_usable(self, q: Numbers) -> bool:
-        """Return True if the coordinates of a rotation are finite and exact enough."""
-        return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
-
-    def cell_at(self, q: Numbers) -> int:
-        """Return the rotation cell that contains the rotation of a configuration."""
-        return np.int64(0)  # type: ignore[return-value]  # a literal would compile every callee again
-
-    def slice_at(self, q: Numbers) -> int:
-        """Return the slice that contains the rotation of a configuration."""
-        return np.int64(0)  # type: ignore[return-value]  # a literal would compile every callee again
-
-    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """Write the slices of a flat batch of configurations."""
-
-    def slice_among(self, slices: Ints, k: int) -> int:
-        """Return the slice of entry k of a batch."""
-        return 0
-
-    def first_piece(self, q0: Numbers, q1: Numbers) -> bool:
-        """Begin a walk along an edge."""
-        return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
-
-    def next_piece(self, cursor: bool) -> tuple[bool, int, float, float, bool]:
-        """Return the next piece of the edge."""
-        return cursor, np.int64(0), 0.0, 1.0, False  # type: ignore[return-value]
-
-    def first_around(self, q: Numbers, angle: float) -> bool:
-        """Begin a walk over the cells within an angle."""
-        return True
-
-    def next_around(self, cursor: bool) -> tuple[bool, int, bool]:
-        """Return the next of these cells."""
-        return cursor, np.int64(0), False  # type: ignore[return-value]
-
-    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Return the number of shortest arcs."""
-        return 1
-
-    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of a shortest arc, and its error; radians."""
-        return 0.0, 0.0
-
-    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """Return the first configuration, rotated along an arc."""
-        return q0
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        """Return the rows of the rotation matrix."""
-        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -12,11 +12,20 @@ from typing import Any, ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
+from cspace.arrays import Floats, Ints, Numbers, frozen
 from cspace.check import check_count, check_finite
+from cspace.compiling import kernel
 from cspace.errors import InputError
-from cspace.rotations.base import COVERING_ANGLE, DIAL_OFFSETS, Coordinate, Dial, RotationCell, Rotations, Symmetric
-from cspace.rotations.records import compilable
+from cspace.rotations.base import (
+    COVERING_ANGLE,
+    DIAL_OFFSETS,
+    Coordinate,
+    Dial,
+    RotationCell,
+    Rotations,
+    RotationTable,
+    Symmetric,
+)
 
 NORM_SLACK: Final = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""
@@ -51,10 +60,6 @@ OMPL's rotation may jump between such quaternions. OMPL uses 1e-9, for quaternio
 MIN_ARC_ANGLE = 1e-9
 """Angle between two quaternions, radians, below which the chord replaces the arc."""
 
-PartRanges = tuple[int, int, int, int, int, int]
-ArcCursor = tuple[Numbers, Numbers, float, float, float, float, bool, bool, bool]
-AroundCursor = tuple[Numbers, float, int, PartRanges, int, int, int]
-
 
 @dataclass(frozen=True, repr=False)
 class QuaternionRotations(Rotations):
@@ -72,15 +77,15 @@ class QuaternionRotations(Rotations):
     n: int
     names = ("qx", "qy", "qz", "qw")
     units = ("1",) * 4
-    _examples = ("0", "0", "0", "1")
-    _limits = "a quaternion (qx, qy, qz, qw) of norm 1"
+    examples = ("0", "0", "0", "1")
+    limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate("representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}),
         "covering_angle": COVERING_ANGLE,
     }
 
     @classmethod
-    def _of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
+    def of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
         """Create cells from the number of parts of an axis.
 
         See :meth:`Rotations.quaternions`.
@@ -90,34 +95,34 @@ class QuaternionRotations(Rotations):
         )
 
     @classmethod
-    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
         """Create as many cells as there are centers."""
         return cls(max(1, round((len(coordinates["quaternion"]) / 4.0) ** (1.0 / 3.0))))
 
-    def _format_rotation(self, rotation: Floats) -> str:
+    def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
-        by = self._rotation_between(np.array([0.0, 0.0, 0.0, 1.0]), rotation)
+        by = self.rotation_between(np.array([0.0, 0.0, 0.0, 1.0]), rotation)
         angle = float(np.linalg.norm(by))
         axis = ", ".join(f"{x + 0.0:.2g}" for x in np.round(by / max(angle, 1e-9), 2).tolist())
         degrees = f"{round(math.degrees(angle), 1):g}°"
         return f"turned {degrees} about ({axis})" if angle > 1e-9 else "not turned"
 
-    def _from_matrix(self, matrix: Floats) -> Floats:
+    def from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
-    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle of another one.
 
         ``angle`` is in radians; ``numbers`` yields numbers from 0 to 1.
         """
         by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]
-        rotated: list[float] = self._rotate(np.array(rotation), np.array(by)).tolist()
+        rotated: list[float] = self.rotate(np.array(rotation), np.array(by)).tolist()
         return rotated
 
-    def _canonical(self, rotation: Floats, name: str) -> Floats:
+    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Return quaternions, shape (..., 4), with norm 1.
 
         Raises InputError if a norm is off by more than NORM_SLACK.
@@ -130,7 +135,7 @@ class QuaternionRotations(Rotations):
             raise InputError(name, f"has a quaternion of norm {worst:.9g}", "it must be 1", hint, value=worst)
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
-    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the rotation vectors from quaternions to others.
 
         They have shape (..., 3), radians, about axes fixed to the first.
@@ -143,13 +148,13 @@ class QuaternionRotations(Rotations):
         angle = 2.0 * np.arctan2(sine, np.abs(cosine))
         return np.asarray(difference * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0))
 
-    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Rotate quaternions, shape (..., 4), by rotation vectors, shape (..., 3)."""
         half = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
         rotated = multiply(rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1))
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
-    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of quaternions, shape (..., 3, 3)."""
         x, y, z, w = np.moveaxis(rotation / np.linalg.norm(rotation, axis=-1, keepdims=True), -1, 0)
         rows = [
@@ -191,24 +196,24 @@ class QuaternionRotations(Rotations):
         parts = np.clip(np.searchsorted(self.borders, quotients, side="right") - 1, 0, self.n - 1)
         return np.asarray(largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64)
 
-    def _cells_of(self, q: Floats) -> Ints:
+    def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -4:])
 
-    def _check_dimension(self, dim: int) -> None:
+    def check_dimension(self, dim: int) -> None:
         """Raise InputError for maps of the plane."""
         if dim == 2:
             rule, hint = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint, value=self)
 
-    def _preserve(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Return True if rotations leave a shape unchanged.
 
         It must be a ball about its reference point.
         """
         return shape.is_round
 
-    def _argument_for_fewer(self, share: float) -> str:
+    def argument_for_fewer(self, share: float) -> str:
         """Return the argument for fewer cells, for messages.
 
         It gives at most the fraction ``share`` of the cells.
@@ -216,14 +221,14 @@ class QuaternionRotations(Rotations):
         n = int((share * len(self) / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"rotations=Rotations.quaternions({n})" if n else ""
 
-    def _doubled(self) -> tuple[str, Rotations] | None:
+    def make_finer(self) -> tuple[str, Rotations] | None:
         """Return eight times as many cells and their argument, or None."""
         n = 2 * self.n
         if n > MAX_SUGGESTED_PARTS:
             return None
         return f"rotations=Rotations.quaternions({n})", Rotations.quaternions(n)
 
-    def _slices_for(self, shape: Symmetric) -> Ints:
+    def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells related by a half turn of the robot share a slice. In quaternions, half turns about the robot's axes
@@ -237,7 +242,7 @@ class QuaternionRotations(Rotations):
                 smallest = np.minimum(smallest, smallest[self.cell_of(self.centers @ change)])
         return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
 
-    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """List the rotations and mirrors between cells.
 
         They permute and negate quaternion components. So they map cells to cells. Each has its matrix, and the cell to
@@ -254,7 +259,7 @@ class QuaternionRotations(Rotations):
         signs = np.linalg.det(symmetries)
         # A mirror is a rotation times the point reflection; rotations come first.
         order = np.argsort(-signs, kind="stable")
-        rotations = self._from_matrix(symmetries[order] * signs[order, None, None])[:, None, None]
+        rotations = self.from_matrix(symmetries[order] * signs[order, None, None])[:, None, None]
         inverses = multiply(np.eye(4), rotations * (-1.0, -1.0, -1.0, 1.0))
         changes = np.round(multiply(multiply(inverses.swapaxes(1, 2), np.eye(4)), rotations))
         matrices = _HALF_TURNS @ symmetries[order, None].swapaxes(-1, -2)
@@ -263,9 +268,9 @@ class QuaternionRotations(Rotations):
             changes_seen.setdefault(change.tobytes(), (matrix, change))
         return changes_seen.values()
 
-    def _shape_cells(self, dim: int) -> list[RotationCell]:
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form that shapes need."""
-        matrices = self._matrices(self.centers, dim)
+        matrices = self.make_matrices(self.centers, dim)
         return [RotationCell(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
 
     @property
@@ -285,7 +290,7 @@ class QuaternionRotations(Rotations):
         return _chart(self.n).covering_angles
 
     @property
-    def _coordinates(self) -> dict[str, Floats]:
+    def stored_arrays(self) -> dict[str, Floats]:
         """Centers and covering angles of the cells.
 
         They have shapes (count, 4) and (count,), in radians.
@@ -293,14 +298,14 @@ class QuaternionRotations(Rotations):
         return dict(zip(self.COORDINATES, (self.centers, self.covering_angles), strict=True))
 
     @property
-    def _volumes(self) -> Floats:
+    def volumes(self) -> Floats:
         """Haar measure of each cell.
 
         The measures sum to 1.
         """
         return _chart(self.n).volumes
 
-    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a quaternion from each of several cells.
 
         It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each boundary that is left
@@ -319,7 +324,7 @@ class QuaternionRotations(Rotations):
             pending = pending[~accepted]
         return _quaternions(parts[:, 0], quotients)
 
-    def _angles_to_centers(self, q: Floats) -> Floats:
+    def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all centers.
 
         They are in radians, shape (..., count).
@@ -327,7 +332,7 @@ class QuaternionRotations(Rotations):
         return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Neighbors of each cell along the axes of its chart.
 
         Their shape is (count, 6). They may lie in another chart, in which another component is largest.
@@ -353,7 +358,7 @@ class QuaternionRotations(Rotations):
                 columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
         return np.stack(columns, axis=1).astype(np.int64)
 
-    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return discs of tilts, one for each heading.
 
         After a rotation about z, the robot is not tilted at the center, and by half a turn at the rim.
@@ -366,13 +371,13 @@ class QuaternionRotations(Rotations):
         dials = []
         for degrees in DIAL_HEADINGS:
             rotations_z = (np.radians(degrees) + DIAL_OFFSETS) * (0.0, 0.0, 1.0)
-            rotations = np.array([self._rotate(tips, turn) for turn in rotations_z])
+            rotations = np.array([self.rotate(tips, turn) for turn in rotations_z])
             dials.append(Dial(f"heading {degrees}°", inside, rotations, () if degrees else marks))
         return dials
 
-    def _compile(self, slice_of: Ints) -> QuaternionCells:
-        """Return the record for kernels."""
-        return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))
+    def make_lookups(self, slice_of: Ints) -> RotationTable:
+        """Return the rotation cells for kernels."""
+        return RotationTable(self.borders[None].copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:
         """Return the number of rotations in words."""
@@ -487,110 +492,34 @@ def multiply(first: Floats, second: Floats) -> Floats:
     )
 
 
-@compilable
-class QuaternionCells(NamedTuple):
-    """Record for compiled look-ups of quaternion cells.
+# ---- look-ups for kernels --------------------------------------------------------------------------------------------
 
-    ``borders`` are the boundaries of the quotients in every chart.
+
+class Arc(NamedTuple):
+    """A shortest arc between two unit quaternions, with its chord.
+
+    SLERP turns evenly from the first to the second. It meets the chord at ``m + s d`` for s from -1 to 1, where m is
+    the midpoint and d half the chord. The time t satisfies ``tan((2 t - 1) half_angle) = s tan(half_angle)``. The chord
+    is straight in every chart, so it meets boundaries at zeros of linear functions of s.
+
+    Attributes
+    ----------
+    first, second : tuple of float, length 4
+        Ends, at most a right angle apart up to rounding.
+    tangent, half_angle : float
+        Half the angle between the ends, and its tangent. A rotation's angle is twice that of its quaternion.
+    is_tiny : bool
+        True if OMPL counts the ends as equal, so that its rotation may jump between them.
     """
 
-    borders: Floats
-    slice_of: Ints
-
-    def zeros(self) -> tuple[float, float, float, float]:
-        """Return the origin of the coordinates of a rotation."""
-        return (0.0, 0.0, 0.0, 0.0)
-
-    def is_usable(self, q: Numbers) -> bool:
-        """Return True if the coordinates of a rotation are finite and exact enough."""
-        return is_unit(q[-4:])
-
-    def cell_at(self, q: Numbers) -> int:
-        """Return the rotation cell that contains the rotation of a configuration."""
-        chart, i, j, k = find_parts(self.borders, q[-4:])
-        return cell_index(self.borders, chart, i, j, k)
-
-    def slice_at(self, q: Numbers) -> int:
-        """Return the slice that contains the rotation of a configuration."""
-        return int(self.slice_of[self.cell_at(q)])
-
-    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """Write the slices of a flat batch of configurations."""
-        borders = self.borders
-        for m in range(len(out)):
-            first = size * m + size - 4
-            q = (numbers[first], numbers[first + 1], numbers[first + 2], numbers[first + 3])
-            chart, i, j, k = find_parts(borders, q)
-            out[m] = self.slice_of[np.uint64(cell_index(borders, chart, i, j, k))]
-
-    def slice_among(self, slices: Ints, k: int) -> int:
-        """Return the slice of entry k of a batch."""
-        return int(slices[k])
-
-    def first_piece(self, q0: Numbers, q1: Numbers) -> ArcCursor:
-        """Begin a walk along an edge."""
-        a, b, _ = arc_endpoints(q0, q1, 0)
-        return begin_arc(a, b, arcs_are_equal(a, b))
-
-    def next_piece(self, cursor: ArcCursor) -> tuple[bool, int, float, float, ArcCursor]:
-        """Return the next piece of the edge."""
-        if not cursor[8]:
-            if not cursor[6]:
-                return False, 0, 0.0, 0.0, cursor
-            cursor = begin_arc(cursor[0], normalise(cursor[1], -1.0), False)
-        cell, start, stop, rest = next_part(self.borders, cursor)
-        return True, self.slice_of[cell], start, stop, rest
-
-    def first_around(self, q: Numbers, angle: float) -> AroundCursor:
-        """Begin a walk over the cells within an angle."""
-        # A rotation's angle is twice that of its quaternion.
-        reach = math.sin(min(angle / 2.0, 2.0 * QUARTER_PI)) + QUOTIENT_SLACK
-        return next_chart(self.borders, normalise(q[-4:], 1.0), reach, 0)
-
-    def next_around(self, cursor: AroundCursor) -> tuple[bool, int, AroundCursor]:
-        """Return the next of these cells."""
-        q, reach, chart, ranges, i, j, k = cursor
-        while i > ranges[1]:
-            if chart == 3:
-                return False, 0, cursor
-            q, reach, chart, ranges, i, j, k = next_chart(self.borders, q, reach, chart + 1)
-        number = self.slice_of[cell_index(self.borders, chart, i, j, k)]
-        k += 1
-        if k > ranges[5]:
-            k = ranges[4]
-            j += 1
-        if j > ranges[3]:
-            j = ranges[2]
-            i += 1
-        return True, number, (q, reach, chart, ranges, i, j, k)
-
-    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Return the number of shortest arcs."""
-        return 2 if arcs_are_equal(normalise(q0[-4:], 1.0), normalise(q1[-4:], 1.0)) else 1
-
-    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of a shortest arc, and its error; radians."""
-        # A rotation's angle is twice that of its quaternion.
-        a, b, angle = arc_endpoints(q0, q1, arc)
-        # OMPL's rotation may jump between nearly equal quaternions, so it may be off by the whole angle.
-        may_jump = begin_arc(a, b, False)[7]
-        return 2.0 * angle, 2.0 * angle if may_jump else 0.0
-
-    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """Return the first configuration, rotated along an arc."""
-        return q0[:-4] + slerp(q0, q1, arc, t)
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        """Return the rows of the rotation matrix."""
-        x, y, z, w = normalise(q[-4:], 1.0)
-        return (
-            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
-            (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
-            (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
-        )
+    first: Numbers
+    second: Numbers
+    tangent: float
+    half_angle: float
+    is_tiny: bool
 
 
-@compilable
+@kernel
 def find_part(borders: Floats, quotient: float) -> int:
     """Return the part of an axis that contains a quotient.
 
@@ -600,15 +529,15 @@ def find_part(borders: Floats, quotient: float) -> int:
     # Guess by the arc tangent to a few thousandths.
     angle = quotient * (QUARTER_PI + 0.273 * (1.0 - abs(quotient)))
     guess = (angle + QUARTER_PI) * (parts / (2.0 * QUARTER_PI))
-    k = np.int64(guess) if 0.0 <= guess < parts else (0 if guess < 0.0 else parts - 1)
-    while k > 0 and quotient < borders[np.uint64(k)]:
+    k = int(min(max(guess, 0.0), parts - 1.0))
+    while k > 0 and quotient < borders[k]:
         k -= 1
-    while k < parts - 1 and quotient >= borders[np.uint64(k + 1)]:
+    while k < parts - 1 and quotient >= borders[k + 1]:
         k += 1
-    return int(k)
+    return k
 
 
-@compilable
+@kernel
 def largest_component(x: float, y: float, z: float, w: float) -> int:
     """Return the component of the largest modulus; the first of equals."""
     chart, largest = 0, abs(x)
@@ -619,7 +548,7 @@ def largest_component(x: float, y: float, z: float, w: float) -> int:
     return 3 if abs(w) > largest else chart
 
 
-@compilable
+@kernel
 def split(q: Numbers, chart: int) -> tuple[float, float, float, float]:
     """Split a quaternion into one component and the others in order."""
     x, y, z, w = q
@@ -632,7 +561,7 @@ def split(q: Numbers, chart: int) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-@compilable
+@kernel
 def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     """Return the chart of a quaternion, and the parts of its quotients."""
     chart = largest_component(q[0], q[1], q[2], q[3])
@@ -640,63 +569,54 @@ def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     return chart, find_part(borders, a / largest), find_part(borders, b / largest), find_part(borders, c / largest)
 
 
-@compilable
+@kernel
 def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
     """Return the index of a cell."""
     n = borders.shape[0] - 1
     return int(((chart * n + i) * n + j) * n + k)
 
 
-@compilable
+@kernel
 def is_unit(q: Numbers) -> bool:
     """Return True if the norm of a quaternion is 1 within NORM_SLACK."""
-    return abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) <= 2.0 * NORM_SLACK  # nor is NaN
+    return abs(dot_product(q, q) - 1.0) <= 2.0 * NORM_SLACK  # False for NaN
 
 
-@compilable
+@kernel
 def normalise(q: Numbers, scale: float) -> Numbers:
     """Scale a quaternion to a norm of ``scale``."""
-    scale /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    scale /= math.sqrt(dot_product(q, q))
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 
 
-@compilable
-def begin_arc(a: Numbers, b: Numbers, other: bool) -> ArcCursor:
-    """Begin a walk between unit quaternions.
+@kernel
+def dot_product(a: Numbers, b: Numbers) -> float:
+    """Return the scalar product of quaternions."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
-    They are at most a right angle apart, up to rounding. SLERP turns evenly from a to b. It meets the chord between
-    them at ``m + s d`` for s from -1 to 1, where m is the midpoint and d half the chord. The time t satisfies ``tan((2
-    t - 1) angle) = s tan(angle)``, where ``angle`` is half of that between a and b. The chord is straight in every
-    chart, so it meets boundaries at zeros of linear functions of s.
-    """
-    half_square, sum_square, dot = 0.0, 0.0, 0.0
+
+@kernel
+def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
+    """Return the shortest arc (0) or, if both are equal, the other one (1)."""
+    a, b = normalise(q0, 1.0), normalise(q1, 1.0)
+    if (dot_product(a, b) < 0.0) != (arc == 1):
+        b = normalise(b, -1.0)
+    half_square, sum_square = 0.0, 0.0
     for n in range(4):
         half_square += (b[n] - a[n]) ** 2
         sum_square += (b[n] + a[n]) ** 2
-        dot += a[n] * b[n]
     tangent = math.sqrt(half_square / sum_square)
-    return a, b, 0.0, 0.0, tangent, math.atan(tangent), other, dot > 1.0 - OMPL_EQUALITY_SLACK, True
+    return Arc(a, b, tangent, math.atan(tangent), dot_product(a, b) > 1.0 - OMPL_EQUALITY_SLACK)
 
 
-@compilable
-def arc_endpoints(q0: Numbers, q1: Numbers, arc: int) -> tuple[Numbers, Numbers, float]:
-    """Return the end points of an arc, and the angle between them.
-
-    ``arc`` selects an arc if several are shortest. The end points are unit quaternions, between which SLERP is used.
-    """
-    a, b = normalise(q0[-4:], 1.0), normalise(q1[-4:], 1.0)
-    if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0) != (arc == 1):
-        b = normalise(b, -1.0)
-    return a, b, 2.0 * begin_arc(a, b, False)[5]
+@kernel
+def count_arcs(q0: Numbers, q1: Numbers) -> int:
+    """Return the number of shortest arcs: two if they are equal up to rounding."""
+    cosine = dot_product(normalise(q0, 1.0), normalise(q1, 1.0))
+    return 2 if abs(cosine) <= QUOTIENT_SLACK else 1
 
 
-@compilable
-def arcs_are_equal(a: Numbers, b: Numbers) -> bool:
-    """Return True if both arcs are equal up to rounding."""
-    return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]) <= QUOTIENT_SLACK
-
-
-@compilable
+@kernel
 def clip_to_interval(
     share: float, largest: float, largest1: float, other: float, other1: float, low: float, high: float
 ) -> float:
@@ -714,15 +634,15 @@ def clip_to_interval(
     return share
 
 
-@compilable
-def next_part(borders: Floats, walk: ArcCursor) -> tuple[int, float, float, ArcCursor]:
-    """Return the next cell of a walk along an arc.
+@kernel
+def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, bool]:
+    """Return the cell at a point of the chord, and where the chord leaves it.
 
-    Returns the cell, start and stop in it, and the rest of the walk. The cell is widened by QUOTIENT_SLACK. A point
-    farther than rounding from the previous cell lies in another one. So there are as many cells as boundaries on the
-    path, and no boundary is crossed twice.
+    ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before the next cell, and
+    whether there is a next cell. The cell is widened by QUOTIENT_SLACK. A point farther than rounding from the previous
+    cell lies in another one. So there are as many cells as boundaries on the path, and no boundary is crossed twice.
     """
-    a, b, done, start, tangent, angle, other, equal, _ = walk
+    a, b = arc.first, arc.second
     q = (
         a[0] + done * (b[0] - a[0]),
         a[1] + done * (b[1] - a[1]),
@@ -736,18 +656,16 @@ def next_part(borders: Floats, walk: ArcCursor) -> tuple[int, float, float, ArcC
     for n in range(3):
         low, high = borders[parts[n]] - QUOTIENT_SLACK, borders[parts[n] + 1] + QUOTIENT_SLACK
         share = clip_to_interval(share, sign * p[0], sign * p1[0], sign * p[n + 1], sign * p1[n + 1], low, high)
-    more, stop = share < 1.0, 1.0
-    if more:
-        done += (1.0 - done) * share
-        stop = min(max(0.5 + 0.5 * math.atan((2.0 * done - 1.0) * tangent) / angle, start), 1.0)
-    if not tangent < 2.0:  # also for NaN, which the look-up of the position then refuses
-        start = stop = math.nan
-    cell = cell_index(borders, chart, i, j, k)
-    rest = (a, b, done, stop, tangent, angle, other, equal, more)
-    return (cell, 0.0, 1.0, rest) if equal else (cell, start, stop, rest)
+    return cell_index(borders, chart, i, j, k), done + (1.0 - done) * share, share < 1.0
 
 
-@compilable
+@kernel
+def time_on_arc(arc: Arc, done: float) -> float:
+    """Return the time, from 0 to 1, at which SLERP passes a fraction of the chord."""
+    return min(0.5 + 0.5 * math.atan((2.0 * done - 1.0) * arc.tangent) / arc.half_angle, 1.0)
+
+
+@kernel
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
     """Return the first and last part of an axis near a quaternion.
 
@@ -768,22 +686,11 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
     return find_part(borders, math.tan(low) - QUOTIENT_SLACK), find_part(borders, math.tan(high) + QUOTIENT_SLACK)
 
 
-@compilable
-def next_chart(borders: Floats, q: Numbers, reach: float, chart: int) -> AroundCursor:
-    """Begin with the cells of a chart."""
-    largest, a, b, c = split(q, chart)
-    i, i1 = parts_around(borders, largest, a, reach)
-    j, j1 = parts_around(borders, largest, b, reach)
-    k, k1 = parts_around(borders, largest, c, reach)
-    if j > j1 or k > k1:
-        i1 = i - 1
-    return q, reach, chart, (i, i1, j, j1, k, k1), i, j, k
-
-
-@compilable
+@kernel
 def slerp(q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     """Interpolate between two rotations along an arc (SLERP)."""
-    a, b, angle = arc_endpoints(q0, q1, arc)
+    path = find_arc(q0, q1, arc)
+    a, b, angle = path.first, path.second, 2.0 * path.half_angle
     weight0, weight1 = 1.0 - t, t
     if angle > MIN_ARC_ANGLE:
         weight0, weight1 = math.sin(weight0 * angle), math.sin(weight1 * angle)

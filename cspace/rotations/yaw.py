@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints, Matrix, Numbers
+from cspace.arrays import Floats, Ints
 from cspace.check import check_count, check_finite
+from cspace.compiling import inlined, kernel
 from cspace.errors import InputError
 from cspace.rotations.base import (
     ANGLE_SLACK,
@@ -23,10 +24,10 @@ from cspace.rotations.base import (
     Dial,
     RotationCell,
     Rotations,
+    RotationTable,
     Symmetric,
     wrapped,
 )
-from cspace.rotations.records import compilable
 
 MAX_YAW_CELLS: Final = 2**16
 """Maximum number of yaw cells, each 0.0055 degrees wide: 1 cm at 100 m from the axis."""
@@ -55,9 +56,9 @@ class YawRotations(Rotations):
     borders: tuple[float, ...]
     names = ("yaw",)
     units = ("rad",)
-    _about_z = True
-    _examples = ("90deg",)
-    _limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
+    about_z = True
+    examples = ("90deg",)
+    limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "yaw": Coordinate("middle of a rotation cell, in [-pi, pi)", "rad", bounds="yaw_bounds"),
         "yaw_bounds": Coordinate("borders of a rotation cell, ascending over one turn", "rad", {"bound": 2}),
@@ -65,7 +66,7 @@ class YawRotations(Rotations):
     }
 
     @classmethod
-    def _of_value(cls, value: ArrayLike | None) -> YawRotations:
+    def of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
             hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
@@ -100,49 +101,49 @@ class YawRotations(Rotations):
         return cls((*borders, borders[0] + TWO_PI))
 
     @classmethod
-    def _of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
         """Make cells from their bounds."""
         bounds = coordinates["yaw_bounds"]
-        return cls._of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
+        return cls.of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
-    def _format_rotation(self, rotation: Floats) -> str:
+    def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         angle = (round(math.degrees(rotation[0]), 1) + 180.0) % 360.0 - 180.0
         return f"yaw {round(angle, 1) + 0.0:g}°"  # no minus sign before zero
 
-    def _from_matrix(self, matrix: Floats) -> Floats:
+    def from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
         return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
-    def _yaw_of(self, q: Floats) -> float | None:
+    def find_yaw(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians."""
         return float(q[-1])
 
-    def _sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """Sample a rotation within an angle."""
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
         wrapped_yaw = math.remainder(yaw, TWO_PI)
         return (wrapped_yaw if wrapped_yaw < math.pi else -math.pi,)
 
-    def _canonical(self, rotation: Floats, name: str) -> Floats:
+    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Wrap yaws into [-pi, pi).
 
         Raises InputError if one is too large to be wrapped exactly.
         """
-        if (np.abs(rotation) > MAX_ANGLE).any():
-            largest = float(np.abs(rotation).max())
-            rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
-            raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest)
+        check_wrappable(rotation, name)
         return wrapped(rotation)
 
-    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def rotation_between(self, first: Floats, second: Floats) -> Floats:
+        """Return the shorter angles from yaws to others, radians."""
         apart = second - first
         return np.asarray(apart - TWO_PI * np.round(apart / TWO_PI))
 
-    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def rotate(self, rotation: Floats, by: Floats) -> Floats:
+        """Add angles to yaws."""
         return rotation + by
 
-    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+        """Return the matrices of yaws."""
         cos, sin = np.cos(rotation[..., 0]), np.sin(rotation[..., 0])
         matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
         matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = cos, -sin, sin, cos
@@ -163,7 +164,7 @@ class YawRotations(Rotations):
         """Half the width of each cell, with rounding, shape (n,)."""
         return np.asarray(np.diff(self.borders) / 2 + ANGLE_SLACK)
 
-    def _is_uniform(self) -> bool:
+    def is_uniform(self) -> bool:
         """Return True if all cells have one width up to rounding.
 
         Then no boundary is off by more than ANGLE_SLACK / 8.
@@ -176,32 +177,29 @@ class YawRotations(Rotations):
         A boundary belongs to the cell above it.
         """
         angles = check_finite(yaw, "yaw")
-        if (np.abs(angles) > MAX_ANGLE).any():
-            largest = float(np.abs(angles).max())
-            rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
-            raise InputError("yaw", f"is {largest:g} rad", rule, "wrap it first", value=largest)
+        check_wrappable(angles, "yaw")
         # The same formula as in compiled look-ups, to the last bit; a yaw within the boundaries is unchanged.
         wrapped = angles - np.floor((angles - self.borders[0]) / TWO_PI) * TWO_PI
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, len(self) - 1).astype(np.int64)
 
-    def _cells_of(self, q: Floats) -> Ints:
+    def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -1])
 
-    def _preserve(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def _argument_for_fewer(self, clip_parameters: float) -> str:
+    def argument_for_fewer(self, clip_parameters: float) -> str:
         """Return the argument for at most a fraction of the cells."""
         return f"rotations={int(clip_parameters * len(self))}" if clip_parameters * len(self) >= 1 else ""
 
-    def _doubled(self) -> tuple[str, Rotations] | None:
+    def make_finer(self) -> tuple[str, Rotations] | None:
         """Return twice as many cells, of one width, and their argument, or None."""
         count = 2 * len(self)
         return (f"rotations={count}", Rotations.of(count)) if count <= MAX_YAW_CELLS else None
 
-    def _slices_for(self, shape: Symmetric) -> Ints:
+    def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells a symmetry apart share a slice if all cells have one width.
@@ -209,11 +207,11 @@ class YawRotations(Rotations):
         cells = np.arange(len(self), dtype=np.int64)
         if shape.symmetry == 0:
             return np.zeros_like(cells)
-        if len(self) % shape.symmetry == 0 and self._is_uniform():
+        if len(self) % shape.symmetry == 0 and self.is_uniform():
             return cells % (len(self) // shape.symmetry)
         return cells
 
-    def _shape_cells(self, dim: int) -> list[RotationCell]:
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form that shapes need.
 
         They are rotations about the z axis.
@@ -231,27 +229,27 @@ class YawRotations(Rotations):
         return self._yaws[:, None]
 
     @property
-    def _coordinates(self) -> dict[str, Floats]:
+    def stored_arrays(self) -> dict[str, Floats]:
         """Center and boundaries of each cell, and its covering angle, radians."""
         bounds = np.stack([self.borders[:-1], self.borders[1:]], axis=1)
         return dict(zip(self.COORDINATES, (self._yaws, bounds, self.covering_angles), strict=True))
 
     @property
-    def _volumes(self) -> Floats:
+    def volumes(self) -> Floats:
         """Width of each cell, radians."""
         return np.diff(self.borders)
 
-    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a yaw uniformly from each cell, in [-pi, pi)."""
         within = rng.uniform(margin, 1.0 - margin, len(cells))
-        return wrapped(np.asarray(self.borders)[cells] + self._volumes[cells] * within)[:, None]
+        return wrapped(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
 
-    def _angles_to_centers(self, q: Floats) -> Floats:
+    def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
         return np.asarray(np.abs((self._yaws - q[..., -1:] + np.pi) % TWO_PI - np.pi))
 
-    def _cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Return all cells within an angle of each configuration; see ``Rotations._cells_within``.
+    def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+        """Return all cells within an angle of each configuration; see ``Rotations.find_cells_within``.
 
         Only the boundaries are searched.
         """
@@ -266,18 +264,18 @@ class YawRotations(Rotations):
         return rows, (low[rows] + steps) % len(self)
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Cells before and after each cell, in a ring."""
         steps = [[], [1], [-1, 1]][min(len(self) - 1, 2)]
         return (np.arange(len(self))[:, None] + np.array(steps, dtype=np.int64)) % len(self)
 
-    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the quarter turns and mirrors that map centers to centers.
 
         They are about z and along it.
         """
-        if not self._is_uniform():
-            return Rotations._images(self, shape)
+        if not self.is_uniform():
+            return Rotations.find_images(self, shape)
         images: list[tuple[Floats, Ints]] = []
         for mirror in (1.0, -1.0):
             for symmetry in shape.symmetries:
@@ -297,118 +295,38 @@ class YawRotations(Rotations):
             images += [(matrices[k], cells[k]) for k in np.flatnonzero(errors < ANGLE_SLACK / 8.0)]
         return images
 
-    def _dials(self, x: Floats, y: Floats) -> list[Dial]:
+    def make_dials(self, x: Floats, y: Floats) -> list[Dial]:
         """Return a ring of yaws, counterclockwise from the x axis."""
         inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= DIAL_INNER_RADIUS)
         marks = [(f"{k * 45}°", k * np.pi / 4.0) for k in range(8)]
         around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
         return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_OFFSETS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
-    def _compile(self, slice_of: Ints) -> YawCells:
-        """Return the record for compiled look-ups."""
-        return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
+    def make_lookups(self, slice_of: Ints) -> RotationTable:
+        """Return the rotation cells for kernels."""
+        return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
-@compilable
-class YawCells(NamedTuple):
-    """Record for compiled look-ups of yaw cells.
-
-    In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
-    """
-
-    borders: Floats
-    slice_of: Ints
-
-    def zeros(self) -> tuple[float]:
-        """Return the origin of the coordinates of a rotation."""
-        return (self.borders[0],)
-
-    def is_usable(self, q: Numbers) -> bool:
-        """Return True if the coordinates of a rotation are finite and exact enough."""
-        return abs(q[-1]) <= MAX_ANGLE  # False for NaN
-
-    def cell_at(self, q: Numbers) -> int:
-        """Return the rotation cell that contains the rotation of a configuration."""
-        return find_cell(self.borders, wrap_to_cells(self.borders, q[-1]))
-
-    def slice_at(self, q: Numbers) -> int:
-        """Return the slice that contains the rotation of a configuration."""
-        return int(self.slice_of[self.cell_at(q)])
-
-    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """Write the slices of a flat batch of configurations."""
-        angles = np.empty(len(out))
-        for k in range(len(out)):
-            angles[k] = wrap_to_cells(
-                self.borders, numbers[np.uint64(size * k + size - 1)]
-            )  # uint64 skips the check for negative indices
-        for k in range(len(out)):
-            out[k] = self.slice_of[np.uint64(find_cell(self.borders, angles[k]))]
-
-    def slice_among(self, slices: Ints, k: int) -> int:
-        """Return the slice of entry k of a batch."""
-        return int(slices[k])
-
-    def first_piece(self, q0: Numbers, q1: Numbers) -> tuple[float, float, float, int]:
-        """Begin a walk along an edge."""
-        angle = shorter_angle(q0[-1], q1[-1])
-        other = 0.0
-        if math.pi - abs(angle) <= ANGLE_SLACK:  # both arcs are equal up to rounding, so walk both
-            other = signed_angle(q0, q1, 1)
-        start = wrap_to_cells(self.borders, q0[-1])
-        return start, angle, other, first_widened_cell(self.borders, min(start, start + angle))
-
-    def next_piece(
-        self, cursor: tuple[float, float, float, int]
-    ) -> tuple[bool, int, float, float, tuple[float, float, float, int]]:
-        """Return the next piece of the edge."""
-        start, angle, other, cell = cursor
-        k, low, high = widened_bounds(self.borders, cell)
-        if low > max(start, start + angle) and other != 0.0:
-            angle, other = other, 0.0
-            cell = first_widened_cell(self.borders, min(start, start + angle))
-            k, low, high = widened_bounds(self.borders, cell)
-        if low > max(start, start + angle):  # False for NaN, which the look-up of the position refuses
-            return False, 0, 0.0, 0.0, cursor
-        a, b = clip_parameters(low, high, start, angle)
-        return True, self.slice_of[k], a, b, (start, angle, other, cell + 1)
-
-    def first_around(self, q: Numbers, angle: float) -> tuple[float, int, int]:
-        """Begin a walk over the cells within an angle."""
-        start, reach = wrap_to_cells(self.borders, q[-1]), min(angle, math.pi)
-        return start + reach, first_widened_cell(self.borders, start - reach), len(self.borders) - 1
-
-    def next_around(self, cursor: tuple[float, int, int]) -> tuple[bool, int, tuple[float, int, int]]:
-        """Return the next of these cells."""
-        limit, cell, remaining = cursor
-        k, low, _ = widened_bounds(self.borders, cell)
-        return remaining > 0 and not low > limit, self.slice_of[k], (limit, cell + 1, remaining - 1)
-
-    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Return the number of shortest arcs."""
-        return 2 if math.pi - abs(signed_angle(q0, q1, 0)) <= ANGLE_SLACK else 1
-
-    def arc_angle_and_error(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of a shortest arc, and its error; radians."""
-        return abs(signed_angle(q0, q1, arc)), 0.0
-
-    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """Return the first configuration, rotated along an arc."""
-        return (*q0[:-1], q0[-1] + t * signed_angle(q0, q1, arc))
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        """Return the rows of the rotation matrix."""
-        cosine, sine = math.cos(q[-1]), math.sin(q[-1])
-        return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
+def check_wrappable(yaws: Floats, name: str) -> None:
+    """Raise InputError if a yaw is too large to be wrapped exactly."""
+    largest = float(np.abs(yaws).max(initial=0.0))
+    if largest > MAX_ANGLE:
+        rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
+        raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest)
 
 
-@compilable
+# ---- look-ups for kernels --------------------------------------------------------------------------------------------
+#
+# In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
+
+
+@inlined
 def wrap_to_cells(borders: Floats, yaw: float) -> float:
     """Wrap a yaw into the range of the cells, up to rounding."""
     return yaw - math.floor((yaw - float(borders[0])) / TWO_PI) * TWO_PI
 
 
-@compilable
+@inlined
 def find_cell(borders: Floats, yaw: float) -> int:
     """Return the cell of a wrapped yaw.
 
@@ -417,9 +335,9 @@ def find_cell(borders: Floats, yaw: float) -> int:
     """
     count = borders.shape[0] - 1
     guess = (yaw - borders[0]) * (count / TWO_PI)
-    low = np.int64(guess) if 0.0 <= guess < count else 0
-    if borders[np.uint64(low)] <= yaw < borders[np.uint64(low + 1)]:
-        return int(low)
+    low = int(guess) if 0.0 <= guess < count else 0
+    if borders[low] <= yaw < borders[low + 1]:
+        return low
     low, high = 0, count
     while high - low > 1:
         center = (low + high) // 2
@@ -430,7 +348,7 @@ def find_cell(borders: Floats, yaw: float) -> int:
     return low
 
 
-@compilable
+@kernel
 def first_widened_cell(borders: Floats, angle: float) -> int:
     """Return the first cell, widened by ANGLE_SLACK, that contains an angle."""
     revolutions = math.floor((angle - borders[0]) / TWO_PI)
@@ -439,7 +357,7 @@ def first_widened_cell(borders: Floats, angle: float) -> int:
     return int(k + revolutions * (borders.shape[0] - 1) - (1 if on_boundary else 0))
 
 
-@compilable
+@inlined
 def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
     """Return the index and the widened bounds of a cell.
 
@@ -451,7 +369,7 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
     return k, borders[k] + revolutions * TWO_PI - ANGLE_SLACK, borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK
 
 
-@compilable
+@inlined
 def shorter_angle(first: float, second: float) -> float:
     """Return the signed angle of the shorter arc between two yaws.
 
@@ -462,7 +380,7 @@ def shorter_angle(first: float, second: float) -> float:
     return angle - TWO_PI if angle > math.pi else angle
 
 
-@compilable
+@inlined
 def clip_parameters(low: float, high: float, start: float, angle: float) -> tuple[float, float]:
     """Return the parameters of a rotation within an interval of angles."""
     if angle == 0.0:
@@ -472,8 +390,16 @@ def clip_parameters(low: float, high: float, start: float, angle: float) -> tupl
     return min(a, b), max(a, b)
 
 
-@compilable
-def signed_angle(q0: Numbers, q1: Numbers, arc: int) -> float:
-    """Return the signed angle of the shorter or the other arc."""
-    angle = shorter_angle(q0[-1], q1[-1])
-    return angle if arc == 0 else (angle - TWO_PI if angle > 0.0 else angle + TWO_PI)
+@inlined
+def signed_angle(first: float, second: float, arc: int) -> float:
+    """Return the signed angle of the shorter arc (0) or the other one (1)."""
+    angle = shorter_angle(first, second)
+    if arc == 0:
+        return angle
+    return angle - TWO_PI if angle > 0.0 else angle + TWO_PI
+
+
+@inlined
+def count_yaw_arcs(first: float, second: float) -> int:
+    """Return the number of shortest arcs: two if they are equal up to rounding."""
+    return 2 if math.pi - abs(shorter_angle(first, second)) <= ANGLE_SLACK else 1

@@ -12,7 +12,8 @@ from cspace.spectral.descriptors import (
     superlevel,
     union,
 )
-from cspace.spectral.overlap import FourierOverlap, OverlapField, Separation, Verdict
+from cspace.spectral.field import OverlapField
+from cspace.spectral.overlap import FourierOverlap, Separation, Verdict
 from cspace.spectral.placements import BallPenetration, Placements, best_placements
 from cspace.spectral.spectra import ball_spectrum
 

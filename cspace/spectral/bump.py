@@ -139,10 +139,8 @@ class Bump:
         is 0 if the balls are apart, or if it underflows. Raises InputError if a value is not usable, and CspaceError if
         the quadrature does not converge.
         """
-        radii, gap = (
-            (check_positive(first, "first"), check_positive(second, "second")),
-            np.array([check_not_negative(distance, "distance")]),
-        )
+        radii = check_positive(first, "first"), check_positive(second, "second")
+        gap = np.array([check_not_negative(distance, "distance")])
         check_word(dim, "dim", (2, 3))
         a, b = np.array(radii)[:, None]
         if self.is_indicator:
@@ -276,11 +274,7 @@ class RadialTable:
             raise InputError("frequencies", problem, rule, "make a larger table", value=frequencies)
         interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1)
         x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)
-        # Clenshaw's recurrence.
-        current, previous, doubled = np.zeros_like(k), np.zeros_like(k), 2.0 * x
-        for row in self._coefficients[:0:-1]:
-            current, previous = row[interval] + doubled * current - previous, current
-        return np.asarray(self._coefficients[0][interval] + x * current - previous)
+        return np.asarray(np.polynomial.chebyshev.chebval(x, self._coefficients[:, interval], tensor=False))
 
 
 def table_points(max_frequency: float, tolerance: float) -> Floats:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints, frozen
-from cspace.check import check_count, check_finite, check_flag, check_positive, check_word
+from cspace.check import check_count, check_finite, check_positive, check_word
 from cspace.compiling import allocating, kernel
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import check_suffix, replacing
@@ -231,7 +231,6 @@ def decompose(
     kind: Kind = "inner",
     number: int | None = None,
     tolerance: float | None = None,
-    equal_radii: bool = False,
 ) -> BallDecomposition:
     """Decompose a shape into balls.
 
@@ -254,9 +253,6 @@ def decompose(
     tolerance : float, optional
         Metres. For "inner", the largest distance of a point of the shape from the balls; for "outer", the largest
         distance of a point of the balls from the shape. Pass either this or ``number``.
-    equal_radii : bool
-        Whether all balls have one radius: the balls are the Minkowski sum of their centers and one ball (Behandish and
-        Ilies, 2016). Their spectrum takes one transform, but the same distance takes more balls.
 
     Raises GeometryError if the shape is empty, malformed, or has no inside for inner balls. Raises FileError if a file
     is missing or malformed. Raises InputError if both or neither of ``number`` and ``tolerance`` are passed, an
@@ -276,7 +272,6 @@ def decompose(
         raise InputError("number", problem, rule, "pass e.g. number=64, or tolerance=0.01 in metres", value=number)
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
-    check_flag(equal_radii, "equal_radii")
     region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         hint = "pass kind='outer', or a shape with an area or volume"
@@ -284,20 +279,11 @@ def decompose(
     if count is not None and not 0.0 < region.size < np.inf:
         problem, rule = f"is {number}, but the shape is {region.size:g} m across", "its lattice needs a finite size"
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
-    best: tuple[Floats, Floats] = (np.empty((0, region.dim)), np.empty(0))
-    gap = (0.0, math.inf)
-    # If fewer than 9 of 10 balls are used, a lattice of four times the cells is tried too.
-    for finer in (1, 4) if count and not equal_radii else (1,):
-        lattice = Lattice.for_count(region, count, finer) if count else Lattice.for_tolerance(region, length or 0.0)
-        if equal_radii:
-            centers, radii, found, used = _choose_equal_balls(lattice, kind, count, length)
-        else:
-            centers, radii, found, used = (_fill_shape if kind == "inner" else _cover_shape)(lattice, count, length)
-        if not len(best[1]) or found[1] < gap[1]:
-            order = np.argsort(-radii, kind="stable")
-            best, gap = (centers[order], radii[order]), found
-        if count and used >= 0.9 * count:
-            break
+    choose_balls = _fill_shape if kind == "inner" else _cover_shape
+    lattice = Lattice.for_count(region, count) if count else Lattice.for_tolerance(region, length or 0.0)
+    centers, radii, gap = choose_balls(lattice, count, length)
+    order = np.argsort(-radii, kind="stable")
+    best = centers[order], radii[order]
     measures = Bounds(*bound_ball_measure(*best)), Bounds(*region.measure)
     return BallDecomposition(*best, kind, *measures, Bounds(*gap), region.shape)
 
@@ -305,10 +291,10 @@ def decompose(
 # ---- choice of balls -------------------------------------------------------------------------------------------------
 
 
-def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
+def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap]:
     """Choose balls in a shape, by number or tolerance in metres.
 
-    Returns centers (n, d) and radii (n,) in metres, bounds of the distance from the shape to the balls, and n. Raises
+    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the shape to the balls. Raises
     InputError if the shape is too thin or the tolerance too small.
     """
     inside = _inner_candidates(lattice)
@@ -320,7 +306,7 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
         centers, radii, _, gap = _nearest_balls(
-            lattice, [*_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)], grow=False
+            lattice, [_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)]
         )
     inside_shape = radii > 0.0
     centers, radii = centers[inside_shape], radii[inside_shape]
@@ -331,18 +317,18 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
         gap = bound_shape_to_balls(lattice, centers, radii)[:2]
     if tolerance is not None and gap[1] > tolerance:
         if is_proven and inside_shape.all():  # all cells lie in the balls grown by less than the tolerance
-            return centers, radii, (min(gap[0], tolerance), tolerance), len(radii)
+            return centers, radii, (min(gap[0], tolerance), tolerance)
         problem = f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the shape only"
         rule, hint = "parts thinner than the lattice have no balls", "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", problem, rule, hint, value=tolerance)
-    return centers, radii, gap, len(radii)
+    return centers, radii, gap
 
 
-def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap, int]:
+def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap]:
     """Choose balls that cover a shape, by number or tolerance in metres.
 
-    Returns centers (n, d) and radii (n,) in metres, bounds of the distance from the balls to the shape, and the number
-    of balls that were tried. Raises InputError if no such balls are found.
+    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the balls to the shape. Raises
+    InputError if no such balls are found.
     """
     candidates = _medial_balls(lattice)
     if tolerance is not None:
@@ -353,64 +339,14 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
         raise InputError(name, problem, "their union must contain the shape", f"pass a larger {name}", value=value)
-    centers, radii, tried = lattice.to_metres(balls.centers), _radii_of(balls, lattice), len(balls.reaches)
+    centers, radii = lattice.to_metres(balls.centers), _radii_of(balls, lattice)
     if number is not None:
         # Covering whole cells takes more than covering the shape, so only the centers are kept; each ball around them
         # grows as the shape needs. Balls that fill the shape are nearer where it is smooth, so they are tried too.
-        centers, depths, growths, _ = _nearest_balls(lattice, [*_fill_greedily(lattice, number), balls], grow=True)
-        tried, radii = len(centers), (depths + growths) * (1.0 + 2.0**-40)
+        centers, depths, growths, _ = _nearest_balls(lattice, [_fill_greedily(lattice, number), balls])
+        radii = (depths + growths) * (1.0 + 2.0**-40)
         centers, radii = centers[radii > 0.0], radii[radii > 0.0]
-    return centers, radii, bound_balls_to_shape(lattice.region, centers, radii), tried
-
-
-def _choose_equal_balls(
-    lattice: Lattice, kind: Kind, number: int | None, tolerance: float | None
-) -> tuple[Floats, Floats, Gap, int]:
-    """Choose balls of one radius, as :func:`_fill_shape` and :func:`_cover_shape` do.
-
-    For each of several radii, balls in the shape are chosen that cover all cells after the least growth, or after
-    growing by the tolerance. Balls that cover the shape are these, grown by their distance from the shape. They may
-    also have centers outside, as for lines; then the radius before growing is negative.
-    """
-    region, limit = lattice.region, number or UNLIMITED_BALLS
-    best, growth = None, 2.0 * region.size / lattice.side if tolerance is None else tolerance / lattice.side
-    radii = float(lattice.depths.max()) * 0.75 ** np.arange(12)
-    outside = np.array([0.0, 0.5, 1.0] if kind == "outer" else []) * min(float(lattice.depths.min()), 0.0)
-    for radius in [*radii[radii > 0.0].tolist(), *np.unique(outside)[::-1].tolist()]:
-        inside = np.flatnonzero(lattice.depths >= radius)
-        inside = inside[:: max(-(-len(inside) // MAX_CANDIDATES), 1)]
-        sizes = np.full(len(inside), radius)
-        balls = LatticeBalls(lattice.cell_centers[inside], sizes, sizes)
-        # Only radii that need less growth than those before, or as many balls at most, are of use.
-        found = _grow_equally(lattice, balls, growth, limit)
-        if tolerance is not None and found is not None:
-            best, limit = found, len(found.depths)
-        while tolerance is None and found is not None:
-            best, growth = found, 0.95 * growth
-            found = _grow_equally(lattice, balls, growth, limit)
-    if best is None:
-        name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
-        problem = f"is {value:g}, but no such balls of one radius were found"
-        hint = f"pass a larger {name}, or leave equal_radii out"
-        raise InputError(name, problem, "they must lie in the shape, and all of it near them", hint, value=value)
-    centers = lattice.to_metres(best.centers)
-    radius = max(0.0, float(region.depths(centers).min()))
-    gap = bound_shape_to_balls(lattice, centers, np.full(len(centers), radius))[:2]
-    covering = float(_radii_of(best, lattice)[0])  # balls of this radius contain all cells
-    if kind == "inner":
-        gap = min(gap[0], max(covering - radius, 0.0)), min(gap[1], max(covering - radius, 0.0))
-    else:
-        radius = min((radius + gap[1]) * (1.0 + 2.0**-40), covering)
-        gap = bound_balls_to_shape(region, centers, np.full(len(centers), radius))
-    return centers, np.full(len(centers), radius), gap, len(centers)
-
-
-def _grow_equally(lattice: Lattice, balls: LatticeBalls, growth: float, number: int) -> LatticeBalls | None:
-    """Choose balls that, grown by a length, cover all cells."""
-    cover = Cover(lattice, whole=True)
-    grown = balls._replace(reaches=balls.depths + growth)
-    chosen = cover.choose(grown, number)
-    return None if len(cover.open_cells) else grown.select(chosen)
+    return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
 def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
@@ -421,14 +357,12 @@ def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
     return (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
 
 
-def _nearest_balls(
-    lattice: Lattice, choices: list[LatticeBalls | None], *, grow: bool
-) -> tuple[Floats, Floats, Floats, Gap | None]:
+def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tuple[Floats, Floats, Floats, Gap | None]:
     """Select the balls with the smallest distance from the shape.
 
     Each choice gives the centers; the balls are the largest balls in the shape around them. Returns centers (n, d) and
-    radii (n,) in metres, negative outside the shape; the growth of each ball with which all cover the shape (n,) if
-    ``grow`` is set; and bounds of the distance. Without any choice, n is 0 and the bounds are None.
+    radii (n,) in metres, negative outside the shape; the growth of each ball with which all cover the shape (n,); and
+    bounds of the distance. Without any choice, n is 0 and the bounds are None.
     """
     points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
     found: tuple[Floats, Floats, Floats, Gap | None] = (np.empty((0, lattice.region.dim)), *np.empty((2, 0)), None)
@@ -439,7 +373,7 @@ def _nearest_balls(
         depths = lattice.region.depths(centers)
         # The points alone show for most choices that they are not the nearest.
         if best == math.inf or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best:
-            low, high, growths = bound_shape_to_balls(lattice, centers, depths, grow=grow)
+            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
             if high < best:
                 best, found = high, (centers, depths, growths, (low, high))
     return found
@@ -452,22 +386,16 @@ def _inner_candidates(lattice: Lattice) -> LatticeBalls:
     return inside if len(inside.depths) else _deepest_points(lattice, lattice.cell_centers)
 
 
-def _fill_greedily(lattice: Lattice, number: int) -> list[LatticeBalls]:
-    """Choose at most ``number`` balls that contain many cell centers.
-
-    Returns several choices, because fewer balls may be nearer to all points: a choice ends when all cell centers lie in
-    balls.
-    """
-    inside, choices = _inner_candidates(lattice), []
-    for count in {number, *((number // 2, number // 4) if number <= 200 else ())} - {0}:
-        cover = Cover(lattice, whole=False)
-        chosen = cover.choose(inside, count)
-        if not len(chosen):  # the shape is so thin that it contains no cell center
-            chosen = np.argsort(-inside.depths)[:count]
-        balls = inside.select(chosen)
-        cover.polish(balls.centers, balls.depths)
-        choices.append(balls)
-    return choices
+def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
+    """Choose at most ``number`` balls that contain many cell centers."""
+    inside = _inner_candidates(lattice)
+    cover = Cover(lattice, whole=False)
+    chosen = cover.choose(inside, number)
+    if not len(chosen):  # the shape is so thin that it contains no cell center
+        chosen = np.argsort(-inside.depths)[:number]
+    balls = inside.select(chosen)
+    cover.polish(balls.centers, balls.depths)
+    return balls
 
 
 def _cover_with(lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool) -> LatticeBalls | None:
@@ -769,6 +697,29 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
 
 
 @kernel
+def _measure_trial(
+    cells: CellCounts,
+    tree: PieceTree,
+    center: Floats,
+    max_radius: float,
+    lattice_frame: tuple[Floats, float, float],
+    point: Floats,
+) -> tuple[float, int]:
+    """Return the radius of a ball around a center, and the open cells in it.
+
+    They are 0 and -1 if the center is too near the boundary. ``point`` is scratch for the center in metres.
+    """
+    corner, side, error = lattice_frame
+    for axis in range(3):
+        point[axis] = corner[axis] + side * center[axis]
+    cap = 1.01 * side * max_radius + 4.0 * error
+    radius = (bound_distance(tree, point, cap)[0] - error) / side
+    if radius <= 0.0:
+        return 0.0, -1
+    return radius, _find_rows(cells, center, radius, True)[1]
+
+
+@kernel
 def polish(
     cells: CellCounts,
     tree: PieceTree,
@@ -784,7 +735,6 @@ def polish(
     the space of the tree, its side, and the error of distances. ``scratch``, shape (2, 3), holds a trial point in both
     frames.
     """
-    corner, side, error = lattice_frame
     trial, point = scratch[0], scratch[1]
     for round_index in range(6):
         moved = False
@@ -801,13 +751,8 @@ def polish(
                     for along in range(3):
                         trial[along] = centers[ball, along]
                     trial[axis] += step if direction % 2 else -step
-                    for along in range(3):
-                        point[along] = corner[along] + side * trial[along]
-                    cap = 1.01 * side * (radii[ball] + step) + 4.0 * error  # a radius grows by a step at most
-                    radius = (bound_distance(tree, point, cap)[0] - error) / side
-                    if radius <= 0.0:
-                        continue
-                    gain = _find_rows(cells, trial, radius, True)[1]
+                    # A radius grows by a step at most.
+                    radius, gain = _measure_trial(cells, tree, trial, radii[ball] + step, lattice_frame, point)
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain

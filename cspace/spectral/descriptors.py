@@ -17,13 +17,13 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import reduce
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats
-from cspace.check import check_cells, check_finite, check_word
+from cspace.check import check_cells, check_finite
 from cspace.errors import GeometryError, InputError
 from cspace.files.vector import read_shapes
 from cspace.grid import Grid
@@ -442,14 +442,10 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
 
 
 @overload
-def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", "direct"] = "fft") -> Descriptor: ...
+def minkowski_sum(first: Descriptor, second: Descriptor) -> Descriptor: ...
 @overload
-def minkowski_sum(
-    first: BaseGeometry, second: BaseGeometry, method: Literal["fft", "direct"] = "fft"
-) -> PolygonSum: ...
-def minkowski_sum(
-    first: Descriptor | BaseGeometry, second: Descriptor | BaseGeometry, method: Literal["fft", "direct"] = "fft"
-) -> Descriptor | PolygonSum:
+def minkowski_sum(first: BaseGeometry, second: BaseGeometry) -> PolygonSum: ...
+def minkowski_sum(first: Descriptor | BaseGeometry, second: Descriptor | BaseGeometry) -> Descriptor | PolygonSum:
     """Compute a Minkowski sum of two descriptors or geometries.
 
     Geometries lie in the plane.
@@ -459,9 +455,6 @@ def minkowski_sum(
     first, second : Descriptor, or shapely geometry
         Two descriptors or two geometries. Descriptors are sampled on grids of one spacing. Geometries are polygons,
         lines, points, or collections of these, in metres.
-    method : {"fft", "direct"}
-        Method for descriptors. "direct" adds product after product, which is faster if both are small, or one is a few
-        cells large.
 
     Returns
     -------
@@ -476,15 +469,15 @@ def minkowski_sum(
     Raises
     ------
     InputError
-        If only one is a descriptor, a descriptor is not sampled, the dimensions or spacings differ, ``method`` is
-        neither word, or polygons have too many corners.
+        If only one is a descriptor, a descriptor is not sampled, the dimensions or spacings differ, or polygons have
+        too many corners.
     GeometryError
         If a geometry is empty, crosses itself, or is not finite.
 
     Notes
     -----
-    If all values of descriptors are whole numbers (indicators), the sums are rounded to whole numbers: exact, also
-    by FFT, for ``|f|_2 |g|_2`` below 2^40. If no value is below zero, the cells above zero of the sum are exactly
+    If all values of descriptors are whole numbers (indicators), the sums are rounded to whole numbers: exact for
+    ``|f|_2 |g|_2`` below 2^40. If no value is below zero, the cells above zero of the sum are exactly
     the Minkowski sum of the cells above zero of ``first`` and ``second``: the rounding of an FFT neither adds nor
     loses cells.
 
@@ -496,7 +489,7 @@ def minkowski_sum(
     >>> bool(outer.covers(shapely.box(-0.5, -0.5, 2.5, 1.5))), round(inner.area, 6)
     (True, 6.0)
     """
-    from scipy.signal import convolve, convolve2d, fftconvolve
+    from scipy.signal import fftconvolve
     from shapely import Geometry
 
     if isinstance(first, Geometry) and isinstance(second, Geometry):
@@ -507,11 +500,7 @@ def minkowski_sum(
         problem = f"has {other.dim} axes and a spacing of {other.grid.spacing:g} m, the first"
         problem += f" {one.dim} and {grid.spacing:g} m"
         raise InputError("second", problem, "they must agree", "sample both on similar grids", value=second)
-    check_word(method, "method", ("fft", "direct"))
-    if method == "fft":
-        sums = np.asarray(fftconvolve(f, g))
-    else:  # convolve2d is faster than the general loop
-        sums = np.asarray(convolve2d(f, g) if f.ndim == 2 else convolve(f, g, method="direct"))
+    sums = np.asarray(fftconvolve(f, g))
     are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
         sums = np.rint(sums)

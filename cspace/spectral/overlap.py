@@ -7,26 +7,18 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property, lru_cache, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, overload
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bytes, Floats, Ints, Numbers
+from cspace.arrays import Bytes, Floats, Ints
 from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
-from cspace.compiling import kernel
 from cspace.errors import InputError
-from cspace.grid import Grid
-from cspace.limits import check_memory, count_cells
-from cspace.map.batches import Configuration, ConfigurationBatch, evaluate_batch, in_threaded_chunks
-from cspace.map.callbacks import callback
-from cspace.map.contents import checked_field
-from cspace.map.points import configuration, is_usable, replaced
-from cspace.map.storage import Map
-from cspace.rotations import Rotations
-from cspace.rotations.records import compilable
-from cspace.spectral.bump import Bump, check_tolerance, pair_integrals
+from cspace.map.callbacks import bind_kernel
+from cspace.spectral.bands import BOUND_ROUNDING, Rings, Spectrum, Terms, estimate_band, separate_all
+from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
     BallDescriptor,
@@ -35,22 +27,9 @@ from cspace.spectral.descriptors import (
     check_same_dim,
     common_bump,
 )
-from cspace.spectral.spectra import (
-    BOUND_ROUNDING,
-    MIN_SPECTRUM_TOLERANCE,
-    PAIR_TABLE_NODES,
-    Correlation,
-    Rings,
-    Spectrum,
-    Terms,
-    ball_spectrum,
-    estimate_band,
-    evaluate_real_series,
-    norm_square,
-    separate_all,
-    sum_pairs,
-)
-from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, BallTree, ContactTest
+from cspace.spectral.pairs import PAIR_TABLE_NODES, norm_square, sum_pairs
+from cspace.spectral.spectra import MIN_SPECTRUM_TOLERANCE, ball_spectrum, evaluate_real_series
+from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, UNDECIDED, BallTree, ContactTest, test_placement
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -68,8 +47,11 @@ MAX_SUMMED_PAIRS: Final = 2**22
 PERIOD_MARGIN: Final = 1e-6
 """Relative margin of the period, so that rounding cannot make any ball wrap around."""
 
-BYTES_PER_LATTICE_STEP: Final = 40.0
-"""Upper bound of the memory for each step of the lattice of a field, bytes: its values, and spectra folded to it."""
+MAX_PLACEMENTS_PER_TRANSFORM: Final = 2**20
+"""Number of placements evaluated by one transform, to bound the memory."""
+
+MAX_PLACEMENTS_ONE_BY_ONE: Final = 32
+"""Number of placements up to which values are summed ring by ring, without a transform."""
 
 
 class Verdict(IntEnum):
@@ -137,8 +119,6 @@ class FourierOverlap:
         the threshold. If the threshold is zero, it becomes about ``tolerance`` times the overlap of two balls of median
         radius, the center of one on the boundary of the other. At most about two million frequencies are used.
     tolerance : float
-    accuracy : float
-        Accuracy of the spectra, relative to their largest values.
 
     Spectra are computed at first use; verdicts about ball sets that are apart need none. Raises InputError if a value
     is not as stated. Methods raise MissingPackageError if finufft is needed and not installed.
@@ -161,13 +141,11 @@ class FourierOverlap:
         threshold: float = 0.0,
         band: float | None = None,
         tolerance: float = 1e-3,
-        accuracy: float = 1e-12,
     ) -> None:
         kind = common_bump(bump, a, b)
         first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
-        within = check_tolerance(accuracy, MIN_SPECTRUM_TOLERANCE)
         self._b, self._original, self._rotation = second, first, np.eye(first.dim)
         self._pivot, self._center_b = first.center, second.center
         reach = float((np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii).max()) * (1.0 + 2.0**-40)
@@ -181,7 +159,8 @@ class FourierOverlap:
         if lengths.max() < 1e-100:
             problem, rule = f"and a span only {lengths.max():g} m", "squares would underflow"
             raise InputError("b", problem, rule, "check the units", value=b)
-        self._bands = _make_bands(first, second, lengths, self._choose_halves(first, lengths, band, tolerance), within)
+        halves = self._choose_halves(first, lengths, band, tolerance)
+        self._bands = _make_bands(first, second, lengths, halves)
         # Trees of the balls that prove misses, and trees of the balls that prove hits.
         self._trees = (self._make_trees(first, second),) * 2
 
@@ -197,7 +176,6 @@ class FourierOverlap:
         classes: int = 8,
         bump: Bump | None = None,
         tolerance: float = 1e-3,
-        accuracy: float = 1e-12,
     ) -> FourierOverlap:
         """Build an overlap whose verdicts are proofs about shapes.
 
@@ -219,7 +197,7 @@ class FourierOverlap:
         classes : int
             Largest number of different radii of each set in values and gradients, because each radius takes a
             transform; radii grow to the next of these. Verdicts use the radii as passed.
-        bump, tolerance, accuracy
+        bump, tolerance
             As for the class.
 
         Raises as the class does. Also raises InputError if only one inner set is given.
@@ -240,7 +218,7 @@ class FourierOverlap:
             check_same_dim(name, balls.dim, a.dim)
         rounded = (balls.round_radii(number, up=True) for balls in (a, b))
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
-        made = cls(*grown, tolerance=tolerance, accuracy=accuracy)
+        made = cls(*grown, tolerance=tolerance)
         made._span += math.sqrt(a.dim) * sum(balls.span for balls in sets.values())
         none = BallTree.of(a.centers[:0], a.radii[:0])
         made._trees = made._make_trees(a, b), made._make_trees(*inner) if inner else (none, none)
@@ -284,21 +262,14 @@ class FourierOverlap:
         """Largest difference of :meth:`value` from the ideal overlap."""
         return float(self._levels[-1].terms.bounds[-1])
 
-    @overload
-    def value(self, t: Configuration) -> float: ...  # type: ignore[overload-overlap]
-    @overload
-    def value(self, t: ConfigurationBatch) -> Floats: ...
-    @overload
-    def value(self, t: ArrayLike) -> float | Floats: ...
-    def value(self, t: ArrayLike) -> float | Floats:
+    def value(self, t: ArrayLike) -> Floats:
         """Compute the band-limited overlap with A moved by t.
 
         ``t``, shape (..., d), is in metres; the result, shape (...), in square or cubic metres. It is 0 outside the
         domain. More than a few dozen placements share one non-uniform transform, with a tolerance of 1e-9 times the
         2-norm of the terms. Raises as the class does.
         """
-        sums = self._sums(t, [self._levels[-1].sums])
-        return sums[..., 0] if sums.ndim > 1 else float(sums[0])
+        return np.asarray(self._sums(t, [self._levels[-1].sums])[..., 0])[()]
 
     def gradient(self, t: ArrayLike) -> Floats:
         """Compute the derivatives of :meth:`value`, shape (..., d)."""
@@ -348,37 +319,56 @@ class FourierOverlap:
 
         ``t``, shape (..., d), is in metres.
         """
-        # For one placement, arrays would take ten times as long as the test.
-        values: Any = t.tolist() if isinstance(t, np.ndarray) and t.ndim == 1 else t
-        if isinstance(values, list | tuple) and [type(value) for value in values] == [float] * self.dim:
-            verdict = self._test_one(*values, *[0.0] * (3 - self.dim)) if all(map(math.isfinite, values)) else None
-            if verdict == 0 or (verdict is not None and self.threshold == 0.0):
-                return _BY_BALLS[verdict]
+        verdict = self._test_one_by_trees(t)
+        if verdict == MISS or (verdict is not None and self.threshold == 0.0):
+            return _BY_BALLS[verdict]
         placements = check_points(t, "t", self.dim)
         flat = placements.reshape(-1, self.dim)
-        verdicts, relative = self._contact_test.test(_in_space(flat)), self._relative(flat)
-        touching = verdicts != Verdict.MISS
-        counts, sums = np.zeros(len(verdicts), dtype=np.int64), np.zeros((len(verdicts), 2))
+        verdicts = self._contact_test.test(_in_space(flat))
+        touching = np.flatnonzero(verdicts != MISS)
+        counts, sums = np.zeros(len(flat), dtype=np.int64), np.zeros((len(flat), 2))
         sums[touching, 1] = math.inf
-        if self.threshold > 0.0:
-            rest = np.flatnonzero(touching)
-            for level in self._levels if len(rest) else ():
-                verdicts[rest], taken, sums[rest] = separate_all(relative[rest], level.terms, self.threshold)
-                counts[rest] += taken
-                rest = rest[verdicts[rest] == Verdict.UNDECIDED]
-                if not len(rest):
-                    break
-                # For few placements, sums over pairs of balls are faster than spectra in the next band, and decide.
-                if len(rest) * len(self._b.radii) * len(self._original.radii) <= MAX_SUMMED_PAIRS:
-                    sums[rest] = self._sum_pairs(relative[rest])
-                    low, high = sums[rest, 0] - sums[rest, 1], sums[rest, 0] + sums[rest, 1]
-                    verdicts[rest[high < self.threshold]], verdicts[rest[low > self.threshold]] = MISS, HIT
-                    break
+        if self.threshold > 0.0 and len(touching):
+            relative = self._relative(flat[touching])
+            verdicts[touching], counts[touching], sums[touching] = self._compare_with_threshold(relative)
         if placements.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
         shape = placements.shape[:-1]
         totals, bounds = (column.reshape(shape) for column in sums.T)
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
+
+    def _test_one_by_trees(self, t: ArrayLike) -> int | None:
+        """Return the verdict of the trees about one placement of floats, otherwise None.
+
+        Arrays would take ten times as long as this test.
+        """
+        values: Any = t.tolist() if isinstance(t, np.ndarray) and t.ndim == 1 else t
+        is_one = isinstance(values, list | tuple) and [type(value) for value in values] == [float] * self.dim
+        if not is_one or not all(map(math.isfinite, values)):
+            return None
+        return self._test_one(*values, *[0.0] * (3 - self.dim))
+
+    def _compare_with_threshold(self, relative: Floats) -> tuple[Bytes, Ints, Floats]:
+        """Sum frequencies at placements (n, d) until the sums decide.
+
+        Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
+        """
+        verdicts = np.full(len(relative), UNDECIDED, dtype=np.uint8)
+        counts, sums = np.zeros(len(relative), dtype=np.int64), np.zeros((len(relative), 2))
+        rest = np.arange(len(relative))
+        for level in self._levels:
+            verdicts[rest], taken, sums[rest] = separate_all(relative[rest], level.terms, self.threshold)
+            counts[rest] += taken
+            rest = rest[verdicts[rest] == UNDECIDED]
+            pairs = len(rest) * len(self._b.radii) * len(self._original.radii)
+            if pairs <= MAX_SUMMED_PAIRS:
+                break
+        # For few placements, sums over pairs of balls are faster than spectra in the next band, and decide.
+        if 0 < pairs <= MAX_SUMMED_PAIRS:
+            sums[rest] = self._sum_pairs(relative[rest])
+            verdicts[rest[sums[rest].sum(axis=1) < self.threshold]] = MISS
+            verdicts[rest[sums[rest, 0] - sums[rest, 1] > self.threshold]] = HIT
+        return verdicts, counts, sums
 
     def _sum_pairs(self, relative: Floats) -> Floats:
         """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
@@ -422,12 +412,9 @@ class FourierOverlap:
         """Contact test of A, rotated, and B."""
         (outer_a, outer_b), (inner_a, inner_b) = self._trees
         outer_a, inner_a = outer_a.rotated(self._rotation), inner_a.rotated(self._rotation)
-        frame, scratch = (
-            np.stack([self._pivot, self._center_b, self._half_sides]),
-            np.empty(MAX_PENDING_NODE_PAIRS, int),
-        )
+        frame = _in_space(np.stack([self._pivot, self._center_b, self._half_sides]))
         slack = 4.0 * self._placement_error
-        return ContactTest(outer_a, outer_b, inner_a, inner_b, _in_space(frame), slack, scratch)
+        return ContactTest(outer_a, outer_b, inner_a, inner_b, frame, slack)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without compiled functions."""
@@ -436,7 +423,9 @@ class FourierOverlap:
     @cached_property
     def _test_one(self) -> Callable[..., int]:
         """Contact test of one placement (x, y, z), compiled."""
-        return callback(self._contact_test, 3, nogil=False)
+        test = bind_kernel(test_placement, (self._contact_test,), 0.0, 0.0, 0.0, np.empty(0, dtype=np.int64))
+        # Memory of its own for each call, because threads may call at once.
+        return lambda x, y, z: test(x, y, z, np.empty(MAX_PENDING_NODE_PAIRS, dtype=np.int64))
 
     @property
     def _placement_error(self) -> float:
@@ -457,15 +446,17 @@ class FourierOverlap:
         """Sum lists of terms at placements, shape (..., sums)."""
         placements = check_points(t, "t", self.dim)
         relative = self._relative(placements.reshape(-1, self.dim))
+        out = np.zeros((len(relative), len(sums)))
         inside = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
-        out, rings = np.zeros((len(relative), len(sums))), self._levels[-1].band.rings
-        # A transform evaluates all frequencies at many placements at once; few placements are summed ring by ring.
-        if len(inside) > 32:
-            boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
-            out[inside] = evaluate_real_series(2.0 * math.pi * relative[inside] / rings.lengths, boxes, 1e-9).T
-        else:
+        if len(inside) <= MAX_PLACEMENTS_ONE_BY_ONE:
             for column, terms in enumerate(sums):
                 out[inside, column] = separate_all(relative[inside], terms, math.nan)[2][:, 0]
+        else:
+            rings = self._levels[-1].band.rings
+            boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
+            for part in np.array_split(inside, math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)):
+                angles = 2.0 * math.pi * relative[part] / rings.lengths
+                out[part] = evaluate_real_series(angles, boxes, 1e-9).T
         return out.reshape(*placements.shape[:-1], len(sums))
 
 
@@ -480,7 +471,6 @@ class _Band:
     b: BallDescriptor
     lengths: Floats
     halves: tuple[int, ...]
-    accuracy: float
 
     @cached_property
     def rings(self) -> Rings:
@@ -490,7 +480,7 @@ class _Band:
     @cached_property
     def spectrum_b(self) -> Spectrum:
         """Spectrum of B in the band."""
-        return Spectrum.of(self.b, self.b.center, self.rings, self.accuracy)
+        return Spectrum.of(self.b, self.b.center, self.rings, MIN_SPECTRUM_TOLERANCE)
 
     @cached_property
     def tail_b(self) -> float:
@@ -502,9 +492,7 @@ _norm = lru_cache(maxsize=64)(norm_square)
 """Integral of a squared descriptor, and its error; bands and rotations share it."""
 
 
-def _make_bands(
-    a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...], accuracy: float
-) -> list[_Band]:
+def _make_bands(a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...]) -> list[_Band]:
     """Return all bands, the smallest first; small bands decide most queries.
 
     The last one is the whole band. Each has an eighth of the frequencies of the next, down to about 2,000.
@@ -512,7 +500,7 @@ def _make_bands(
     found = [halves]
     while math.prod(found[-1]) > 2_000:
         found.append(tuple(math.ceil(half / 8.0 ** (1.0 / len(halves))) for half in found[-1]))
-    return [_Band(a, b, lengths, each, accuracy) for each in reversed(found)]
+    return [_Band(a, b, lengths, each) for each in reversed(found)]
 
 
 class _Level:
@@ -529,7 +517,7 @@ class _Level:
     @cached_property
     def _spectrum(self) -> Spectrum:
         """Spectrum of A in the band."""
-        return Spectrum.of(self._a, self._pivot, self.band.rings, self.band.accuracy)
+        return Spectrum.of(self._a, self._pivot, self.band.rings, MIN_SPECTRUM_TOLERANCE)
 
     @cached_property
     def sums(self) -> Terms:
@@ -550,17 +538,13 @@ class _Level:
         ball's part. The sums of ``p`` times these parts are spectra of weighted balls.
         """
         rings, a = self.band.rings, self._a
-        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, self.band.accuracy
+        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, MIN_SPECTRUM_TOLERANCE
         moments = [rings.to_rings(ball_spectrum(*shape, weights=column)) for column in a.centers.T]
         waves = (rings.indices / rings.lengths).T
         pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
         scale = rings.twice / rings.volume * self.band.spectrum_b.values
-        return [
-            self.sums._replace(
-                products=scale * (-2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i])).conj()
-            )
-            for i, j in pairs
-        ]
+        changes = [-2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i]) for i, j in pairs]
+        return [self.sums._replace(products=scale * change.conj()) for change in changes]
 
     @cached_property
     def slopes(self) -> list[Terms]:
@@ -590,188 +574,3 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[dim - 2]
     rule = f"it must be {kinds} or a rotation matrix of shape {dim, dim}"
     raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)
-
-
-class _CellValues:
-    """Overlaps at the centers of a grid's cells, by inverse FFTs.
-
-    ``overlap`` is the same overlap with a longer period, a multiple of the spacing, so that cell centers lie on the
-    lattice of the FFT. Its band reaches at least as high. Values err by at most 1 + 2^-5 times its bound; the rounding
-    of the FFT is the smaller part (:class:`cspace.spectral.spectra.Correlation`).
-    """
-
-    def __init__(self, overlap: FourierOverlap, grid: Grid) -> None:
-        from scipy.fft import next_fast_len
-
-        shape = tuple(next_fast_len(math.ceil(length / grid.spacing), real=True) for length in overlap.lengths)
-        check_memory(BYTES_PER_LATTICE_STEP * float(count_cells(shape)), "the lattice of the overlap field", grid)
-        band, lengths = overlap._bands[-1], grid.spacing * np.array(shape)
-        halves = tuple(np.ceil(band.halves * lengths / band.lengths).astype(np.int64).tolist())
-        self._grid, self.overlap = grid, copy.copy(overlap)
-        self.overlap._bands = _make_bands(band.a, band.b, lengths, halves, band.accuracy)
-        self.overlap.__dict__.pop("_levels", None)
-        self._correlation = Correlation(band.a, band.b, lengths, self.overlap.counts, shape, band.accuracy)
-
-    def write(self, matrix: Floats | None, out: Floats) -> None:
-        """Write the overlaps at a rotation of A to ``out``."""
-        overlap = self.overlap if matrix is None else self.overlap.rotated(matrix)
-        (low, high), inside = overlap.domain, []
-        for axis in range(overlap.dim):
-            centers = self._grid.centers(axis)
-            inside.append(np.flatnonzero((low[axis] <= centers) & (centers <= high[axis])))
-        if all(map(len, inside)):
-            start = overlap._relative(self._grid.center_of([cells[0] for cells in inside]))
-            values = self._correlation.values(overlap._rotation, start)
-            out[np.ix_(*inside)] = values[tuple(slice(len(cells)) for cells in inside)]
-
-
-class Space(Protocol):
-    """Attributes of a map that a field needs; kernels need the last."""
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the map."""
-
-    @property
-    def rotations(self) -> Rotations:
-        """Rotation cells of the map."""
-
-    @property
-    def _kernel_map(self) -> Map: ...
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class OverlapField:
-    """Overlap of robot and obstacles at cell centers.
-
-    It is positive if balls meet and grows with the depth, and it is as smooth as the descriptors. It proves nothing;
-    the states of the map do.
-
-    Attributes
-    ----------
-    space : CSpace
-    values : ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates
-        The overlap at each cell center, metres to the power of the dimension; read-only.
-
-    Raises InputError if the values have another shape or type than the map, or are not finite.
-    """
-
-    space: Space
-    values: Floats
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        object.__setattr__(self, "values", checked_field(self.values, _shape(self.space)))
-
-    @classmethod
-    def of(cls, space: Space, overlap: FourierOverlap) -> OverlapField:
-        """Compute the field of a map.
-
-        If the robot rotates, a slice has the values at the representative of its first rotation cell. ``overlap`` is
-        between the balls of the robot, in the robot's frame, and the balls of the obstacles, in the map's frame. Grown
-        balls, such as those of :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
-
-        Raises InputError if ``overlap`` is no FourierOverlap, has another dimension than the map, or memory is too
-        small. Raises MissingPackageError if finufft is needed, for many balls of one radius, and is not installed.
-        """
-        argument: object = overlap
-        if not isinstance(argument, FourierOverlap):
-            rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
-            raise InputError("overlap", f"is a {type(argument).__name__}", rule, hint, value=argument)
-        grid, map_ = space.grid, space._kernel_map
-        check_same_dim("overlap", overlap.dim, grid.dim)
-        shape = map_.states.shape
-        check_memory(8.0 * math.prod(shape), "the overlap field", grid)
-        values, make = np.zeros(shape), _CellValues(overlap, grid)
-        rotation_cells = space.rotations._shape_cells(grid.dim)
-        for number in range(shape[0]):
-            make.write(rotation_cells[int(np.argmax(map_.slice_of == number))].matrix, values[number])
-        return cls(space, values.reshape(_shape(space)))
-
-    @property
-    def cells(self) -> Floats:
-        """Overlap by slice, for kernels, shape (slices, nx, ny(, nz))."""
-        return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
-
-    @overload
-    def at(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
-    @overload
-    def at(self, q: ConfigurationBatch) -> Floats: ...
-    @overload
-    def at(self, q: ArrayLike) -> float | Floats: ...
-    def at(self, q: ArrayLike) -> float | Floats:
-        """Interpolate the overlap at configurations (..., size), metres and radians.
-
-        The interpolation is linear between cell centers and never negative. Outside the grid it uses the nearest value;
-        rotations use the value of their cell. Raises InputError if the last axis is not as long, or a value is NaN or
-        infinite.
-        """
-        overlaps: float | Floats = evaluate_batch(
-            q, self._size, in_threaded_chunks(partial(fields_at, *self._fixed())), np.float64, float
-        )
-        return overlaps
-
-    def checker(self) -> Callable[..., float]:
-        """Return a fast, unchecked :meth:`at` of floats: ``check(*q)``."""
-        check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
-        return check
-
-    @property
-    def _size(self) -> int:
-        """Length of a configuration."""
-        return self.space.grid.dim + len(self.space.rotations.names)
-
-    def _fixed(self) -> tuple[Any, ...]:
-        """Return the map and the field, for kernels."""
-        return self.space._kernel_map, self.cells
-
-
-def _shape(space: Space) -> tuple[int, ...]:
-    """Return the shape of a field of the map."""
-    return (*space.rotations._leading_axes(space._kernel_map.states.shape[0]), *space.grid.shape)
-
-
-@kernel
-def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
-    """Interpolate a field between the nearest 2^d cell centers."""
-    dim = len(map_.lower)
-    # The lower cell of the interpolation, and the position between it and the upper cell, from 0 to 1, along each axis.
-    cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
-    for axis in range(dim):
-        count = map_.states.shape[axis + 1]
-        position = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), count - 1.0)
-        lower_cell = min(int(position), max(count - 2, 0))
-        cell, shares = replaced(cell, axis + 1, lower_cell), replaced(shares, axis, position - lower_cell)
-    total = 0.0
-    for corner in range(1 << dim):
-        share, other = 1.0, cell
-        for axis in range(dim):
-            upper = (corner >> axis) & 1
-            share *= shares[axis] if upper else 1.0 - shares[axis]
-            other = replaced(other, axis + 1, cell[axis + 1] + upper)
-        if share > 0.0:
-            total += share * float(values[other])
-    return max(total, 0.0)
-
-
-@compilable
-class Field(NamedTuple):
-    """Value of a field, as a compiled query."""
-
-    map_: Map
-    values: Floats
-
-    def evaluate(self, q: Numbers) -> float:
-        """Return the value of the field at a configuration."""
-        return field_at(self.map_, self.values, q)
-
-
-@kernel
-def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
-    """Write :func:`field_at` of points; return the first invalid index, or -1."""
-    for k in range(len(points)):
-        q = configuration(map_, points, k)
-        if not is_usable(map_, q):
-            return k
-        out[k] = field_at(map_, values, q)
-    return -1

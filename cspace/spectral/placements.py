@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats
 from cspace.check import check_count, check_finite, check_flag, check_not_negative, check_positive
-from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.rotations import Rotations
 from cspace.spectral.bump import Bump
@@ -29,9 +28,11 @@ from cspace.spectral.descriptors import (
     union,
 )
 from cspace.spectral.overlap import FourierOverlap, rotation_matrix
-from cspace.spectral.spectra import Correlation, norm_square, sum_pairs
+from cspace.spectral.pairs import norm_square, sum_pairs
+from cspace.spectral.spectra import Correlation
 
 if TYPE_CHECKING:
+    from scipy.interpolate import NdBSpline
     from scipy.spatial.transform import Rotation
 
 MAX_SEARCH_FREQUENCIES: Final = 2**18
@@ -165,27 +166,37 @@ class BallFields:
     """
 
     def __init__(self, correlation: Correlation, center: Floats) -> None:
-        self._correlation, self._center, self._dim = correlation, center, len(center)
+        self._correlation, self._center = correlation, center
         self.radii = correlation.body.radii
         self._cells_per_metre = np.array(correlation.shape) / correlation.lengths
 
     @cached_property
-    def _splines(self) -> list[Floats]:
-        """Spline coefficients of the field of each term, in 3 dimensions."""
-        return [field.reshape(*field.shape, *[1] * (3 - self._dim)) for field in self._correlation.splines()]
+    def _splines(self) -> list[NdBSpline]:
+        """Spline of the field of each term, at places in cells, from 0 to the period."""
+        from scipy.interpolate import NdBSpline
+
+        shape = self._correlation.shape
+        knots = tuple(np.arange(count + 7) - 3.0 for count in shape)
+        # The splines are periodic: coefficients of one cell before and two cells after the period.
+        margins = [(1, 2)] * len(shape)
+        fields = self._correlation.splines()
+        return [NdBSpline(knots, np.pad(field, margins, mode="wrap"), 3) for field in fields]
 
     def evaluate(self, centers: Floats) -> Floats:
         """Return moving balls' overlaps and derivatives, shape (n, k, 1 + d).
 
         ``centers``, shape (n, k, d), are the places of the k balls, metres. Fields repeat with the period.
         """
-        places = np.zeros((*centers.shape[:2], 3))
-        places[..., : self._dim] = (centers - self._center) * self._cells_per_metre
-        sums, scratch = np.zeros((*centers.shape[:2], 4)), np.empty((3, 2, 4))
+        dim = len(self._center)
+        places = (centers - self._center) * self._cells_per_metre % self._correlation.shape
+        orders = np.vstack([np.zeros(dim), np.eye(dim)]).astype(np.int64)  # the value, and each derivative
+        sums = np.zeros((*centers.shape[:2], 1 + dim))
         for term, spline in zip(self._correlation.terms, self._splines, strict=True):
-            add_slopes(spline, places, term.members, term.strengths, scratch, sums)
-        sums[..., 1 : 1 + self._dim] *= self._cells_per_metre
-        return sums[..., : 1 + self._dim]
+            for column, order in enumerate(orders):
+                values = spline(places[:, term.members], nu=tuple(order))
+                sums[:, term.members, column] += term.strengths * values
+        sums[..., 1:] *= self._cells_per_metre
+        return sums
 
 
 class BallPenetration:
@@ -318,7 +329,7 @@ class _Score:
         """Return the highest local maxima on the lattice, above a score."""
         from scipy.ndimage import maximum_filter
 
-        values = self.correlation.values(matrix)
+        values = self.correlation.overlaps(matrix)
         if values.max() <= floor:
             return _Poses.none(self.dim)
         tops = np.flatnonzero((values > floor) & (values == maximum_filter(values, 3, mode="wrap")))
@@ -391,41 +402,6 @@ class _Score:
         return sum_pairs(self.body.bump, moved, self.body.radii, fixed, slack)
 
 
-@kernel
-def add_slopes(
-    spline: Floats, places: Floats, members: NDArray[np.intp], strengths: Floats, weights: Floats, out: Floats
-) -> None:
-    """Add a periodic cubic spline and its derivatives at some places.
-
-    ``spline``, shape (nx, ny, nz), are its coefficients. ``out`` has shape (n, k, 4): the value, and the derivatives
-    along the axes, per cell. ``weights``, shape (3, 2, 4), is scratch.
-    """
-    for n in range(len(places)):
-        for member in range(len(members)):
-            k = members[member]
-            # Weights of the four nearest coefficients along each axis, and derivatives of these weights.
-            for axis in range(3):
-                u = places[n, k, axis] - math.floor(places[n, k, axis])
-                v = 1.0 - u
-                weight, slope = weights[axis]
-                weight[0], weight[3] = v * v * v / 6.0, u * u * u / 6.0
-                weight[1], weight[2] = 2.0 / 3.0 - u * u * (1.0 - u / 2.0), 2.0 / 3.0 - v * v * (1.0 - v / 2.0)
-                slope[0], slope[3] = -v * v / 2.0, u * u / 2.0
-                slope[1], slope[2] = u * (1.5 * u - 2.0), v * (2.0 - 1.5 * v)
-            # The spline is periodic, so indices wrap around.
-            for i in range(4):
-                x = (math.floor(places[n, k, 0]) + i - 1) % spline.shape[0]
-                for j in range(4):
-                    y = (math.floor(places[n, k, 1]) + j - 1) % spline.shape[1]
-                    for h in range(4):
-                        z = (math.floor(places[n, k, 2]) + h - 1) % spline.shape[2]
-                        value = strengths[member] * spline[x, y, z]
-                        out[n, k, 0] += value * weights[0, 0, i] * weights[1, 0, j] * weights[2, 0, h]
-                        out[n, k, 1] += value * weights[0, 1, i] * weights[1, 0, j] * weights[2, 0, h]
-                        out[n, k, 2] += value * weights[0, 0, i] * weights[1, 1, j] * weights[2, 0, h]
-                        out[n, k, 3] += value * weights[0, 0, i] * weights[1, 0, j] * weights[2, 1, h]
-
-
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
     """Update negated inverse Hessians by steps and falls of slopes."""
     products = (steps * changes).sum(axis=1)
@@ -439,8 +415,8 @@ def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: i
     """Return rotations, as for :func:`best_placements`, as matrices (m, d, d)."""
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
-        cells._check_dimension(dim)
-        return cells._matrices(cells.centers, dim)
+        cells.check_dimension(dim)
+        return cells.make_matrices(cells.centers, dim)
     values = check_finite(rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations, "rotations")
     flat = np.atleast_1d(values) if dim == 2 and values.ndim < 2 else values.reshape(-1, *values.shape[-2:])
     if not len(flat):

@@ -223,11 +223,11 @@ class Lattice:
         return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
 
     @classmethod
-    def for_count(cls, region: Region, number: int, finer: int = 1) -> Lattice:
+    def for_count(cls, region: Region, number: int) -> Lattice:
         """Create a lattice that resolves ``number`` balls."""
         dim = region.dim
-        box_cells = min(finer * max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
-        enough_cells = finer * max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
+        box_cells = min(max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
+        enough_cells = max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
         while True:
             lattice = cls(region, float((region.box_volume / box_cells) ** (1.0 / dim)))
             if len(lattice.cell_centers) >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
@@ -339,17 +339,14 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
     return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
 
 
-def bound_shape_to_balls(
-    lattice: Lattice, centers: Floats, radii: Floats, *, grow: bool = False
-) -> tuple[float, float, Floats]:
+def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float, Floats]:
     """Bound the largest distance from a shape to balls, metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
     point are halved until the bounds differ by 2 % or by 1e-4 of the size of the shape.
 
-    Returns the bounds, in metres, and the growth of each ball, shape (n,). With ``grow``, each box is assigned to the
-    ball that contains it after the least growth, so the grown balls cover the shape. The growth is -inf for a ball
-    without boxes.
+    Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to the ball that
+    contains it after the least growth, so the grown balls cover the shape. The growth is -inf for a ball without boxes.
     """
     region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
@@ -361,7 +358,7 @@ def bound_shape_to_balls(
         # A box center raises the lower bound only if it is proven to lie in the shape.
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
-        kept = np.flatnonzero((near > low) | (far > (np.minimum(growths[owners], high) if grow else high)))
+        kept = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
         is_inside, is_near = region.locate(box_centers[kept], half * math.sqrt(dim) * (1.0 + 1e-9) + error)
         low = max(low, float(near[kept[is_inside]].max(initial=0.0)))
         kept = kept[is_near]

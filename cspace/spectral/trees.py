@@ -7,9 +7,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bytes, Floats, Ints, Numbers
+from cspace.arrays import Bytes, Floats, Ints
 from cspace.compiling import kernel
-from cspace.rotations.records import compilable
 from cspace.threads import in_chunks
 
 MISS, HIT, UNDECIDED = range(3)
@@ -119,7 +118,6 @@ def compare_placed(a: BallTree, b: BallTree, x: float, y: float, z: float, slack
     return result
 
 
-@compilable
 class ContactTest(NamedTuple):
     """Ball trees that decide whether two bodies touch, for kernels.
 
@@ -127,7 +125,7 @@ class ContactTest(NamedTuple):
     ``inner_a`` and ``inner_b`` prove that they overlap: balls inside them, the outer balls again, or none. ``frame``,
     shape (3, 3), metres, has the centers of a and b, to which the trees are relative, and the largest absolute
     coordinates of center a relative to b at which the bodies can touch. ``slack`` bounds the rounding of the distance
-    between two centers there. ``pending`` is scratch.
+    between two centers there.
     """
 
     outer_a: BallTree
@@ -136,11 +134,6 @@ class ContactTest(NamedTuple):
     inner_b: BallTree
     frame: Floats
     slack: float
-    pending: Ints
-
-    def evaluate(self, q: Numbers) -> int:
-        """Return MISS, HIT or UNDECIDED for one placement (x, y, z); the interpreter lock must guard the scratch."""
-        return test_placement(self, q[0], q[1], q[2], self.pending)
 
     def test(self, placements: Floats) -> Bytes:
         """Return the verdicts of placements, shape (n, 3), in threads."""

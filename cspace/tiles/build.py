@@ -1,149 +1,195 @@
-"""Build a map into a store, tile by tile."""
+"""Building of tiled maps, tile by tile."""
 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cspace.engines import ENGINES, choose_engine
-from cspace.engines.slices import Progress, raster_bytes
+from cspace.arrays import StrPath
+from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
-from cspace.limits import check_memory
-from cspace.map.description import AXES, describe_map, shapes_array
+from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
+from cspace.map.contents import Contents
+from cspace.map.exterior import UNKNOWN
+from cspace.obstacles import Source, changed_source
 from cspace.robot import Robot
-from cspace.rotations import Rotations
-from cspace.store import CHUNK_CELLS, Index, Store, fit_tile, is_store
-from cspace.tiles.space import TiledCSpace
-from cspace.tiles.work import Job, run_tasks
-from cspace.words import Method, Outside
+from cspace.save import TILES_FORMAT, is_map_folder, read_format
+from cspace.space import CSpace
+from cspace.threads import cores
+from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
+from cspace.tiles.work import run_tasks
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from distributed import Client
 
-_METADATA_NOT_COMPARED: Final = ("library_version", "stamp", "workspace_source", "precision", "depth")
-"""Metadata that may differ between two stores of the same map; the stamp is compared separately."""
+MAX_TILE_STATES: Final = 2**28
+"""Maximum number of states in the interior of a tile, which are in memory at once."""
 
 
-class Settings(TypedDict):
-    """Checked options of a build; see :func:`cspace.build`."""
+@dataclass(frozen=True)
+class BuildJob:
+    """What the tasks that build tiles share.
 
-    rotations: Rotations
-    inner: bool
-    method: Method
-    outside: Outside
-    margin: float
-    client: Client | None
-    workers: int | None
-    progress: Progress | None
+    Attributes
+    ----------
+    folder : TileFolder
+    source : Source
+        Cells of the workspace.
+    build : callable
+        Builds a map in memory; see :func:`cspace.build`.
+    method : str
+        Engine.
+    threads : int
+        Threads for each tile.
+    """
+
+    folder: TileFolder
+    source: Source
+    build: Callable[..., CSpace]
+    method: str
+    threads: int = 1
 
 
 def build_tiles(
     workspace: Workspace,
     robot: Robot,
-    store: str | os.PathLike[str],
+    store: StrPath,
     tile: int | Sequence[int],
-    settings: Settings,
-) -> TiledCSpace:
-    """Build a map into a store, or complete one.
+    *,
+    build: Callable[..., CSpace],
+    method: str,
+    inner: bool,
+    client: Client | None,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+    **options: Any,
+) -> TileFolder:
+    """Build a map into a folder, tile by tile, or complete one.
 
-    The caller, :func:`cspace.build`, has checked the arguments. Raises InputError if ``tile`` is invalid or a task
-    exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the workspace has changed.
+    The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are ``rotations``,
+    ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task exceeds the memory;
+    FileError if ``store`` holds something else, cannot be written, or the workspace changes.
     """
-    grid, cells, rotations = workspace.grid, workspace.cells, settings["rotations"]
-    slices = int(rotations._slices_for(robot.shape).max()) + 1
-    sides = resolve_tile(tile, grid.shape)
-    needed = raster_bytes(robot, grid.spacing, settings["margin"], rotations, slices)  # every process holds all rasters
-    check_memory(needed, "the map", grid, fewer=rotations._argument_for_fewer, slices=slices, rasters=needed)
-    outside, margin = settings["outside"], settings["margin"]
+    grid, stamp = workspace.grid, workspace.cells.stamp
+    frame = make_frame(workspace, robot, proves_blocked=inner, **options)
+    slices = len(frame.states)
+    sides = resolve_tile(tile, grid.shape, slices)
+    rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
+    fewer = frame.rotations.argument_for_fewer
+    check_memory(rasters, "the map", grid, fewer=fewer, slices=slices, rasters=rasters)
     about = {
-        **describe_map(grid, robot, rotations, slices, outside, margin, workspace.source),
-        "inner": int(settings["inner"]),
-        "tile": list(sides),
-        "depth": max(1, min(slices, CHUNK_CELLS // math.prod(sides))),
-        "method": settings["method"],
-        "same": cells.same,
-        "stamp": cells.stamp,
-        "precision": "",
+        "shape": grid.shape,
+        "side": sides,
+        "stamp": make_stamp(frame, grid.shape, sides, stamp),
+        "source_stamp": stamp,
+        "updates": 0,
     }
-    shapes = shapes_array(workspace.shapes)
-    if is_store(store):
-        opened = Store.open(store)
-        _check_same(opened, about, rotations, shapes)
-    elif Path(store).exists() and any(Path(store).iterdir() if Path(store).is_dir() else [1]):
-        raise FileError(
-            str(store), "exists, but is not a map", "store must be new, empty or a map", "choose another name"
-        )
+    folder = _open_or_create(Path(store), frame, about)
+    if folder.sums:
+        return folder
+    job = BuildJob(folder, workspace.cells, build, method)
+    return build_missing(job, client, workers, progress)
+
+
+def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
+    """Open the folder of a build to resume, or write a new one."""
+    if read_format(path) == TILES_FORMAT:
+        folder = TileFolder.open(path)
+        given = folder.about["stamp"], folder.about["updates"]
+        if given == (about["stamp"], 0):
+            return folder
+        problem = "has been updated" if given[1] else "holds another map, or one of other obstacles"
+        rule = "a build resumes only with the same robot, rotations, options and obstacles"
+    elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+        problem, rule = "exists, but is no tiled map", "store must be new, empty or a tiled map"
     else:
-        centers = {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
-        arrays = {"slice_of": rotations._slices_for(robot.shape), **rotations._coordinates, **centers, **shapes}
-        with replacing(store, folder=is_store) as temporary:
-            Store.create(temporary, about, arrays)
-        opened = Store.open(store)
-    if not opened.is_done:
-        _build_missing_tiles(Job(opened, cells), settings)
-        opened = Store.open(store)
-    return TiledCSpace(opened)
+        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
+            write_root(temporary, frame, about)
+        return TileFolder.open(path)
+    raise FileError(str(path), problem, rule, "choose another name, or remove it")
 
 
-def _build_missing_tiles(job: Job, settings: Settings) -> None:
-    """Build missing tiles, then mark the store complete."""
-    store, progress = job.store, settings["progress"]
-    done = set(store.done())
-    missing = [index for index in store if index not in done]
+def build_missing(
+    job: BuildJob,
+    client: Client | None,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> TileFolder:
+    """Build missing tiles, then sum up all tiles; return the complete folder."""
+    folder = job.folder
+    missing = [index for index in folder if not folder.tile_path(index).exists()]
 
     def advance(count: int) -> None:
         if progress is not None:
-            progress(len(done) + count, len(store))
+            progress(len(folder) - len(missing) + count, len(folder))
 
-    run_tasks(build_tile, job, missing, settings["client"], settings["workers"], advance)
+    workers = workers or cores()
+    threads = 1 if client else max(1, workers // max(1, len(missing)))
+    job = replace(job, threads=threads)
+    run_tasks(build_tile, job, missing, bytes_to_build(folder), client, workers, advance)
     advance(len(missing))
-    engine = store.metadata["method"]
-    if engine == "auto":
-        engine = choose_engine([outer for outer, _ in job.pairs])
-    store.tidy()
-    store.reseal(**store.totals(), precision=ENGINES[engine].PRECISION)
+    return folder.complete()
 
 
-def build_tile(job: Job, index: Index) -> None:
-    """Build and write one tile, as a task."""
-    job.build_tile(index)
+def bytes_to_build(folder: TileFolder) -> float:
+    """Estimate the memory to build one tile, in bytes."""
+    sides = np.add(folder.tile, 2 * (folder.halo + folder.reach))
+    shape = np.minimum(sides, folder.grid.shape).tolist()
+    frame, slices = folder.frame, folder.slices
+    rasters = raster_bytes(frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices)
+    copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(shape)
+    return float(map_bytes(shape, slices) + copies + rasters)
 
 
-def resolve_tile(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ...]:
+def build_tile(job: BuildJob, index: Index) -> None:
+    """Build and write a tile, as a task.
+
+    The states of a cell depend on the obstacles that the robot reaches from it. So the tile is a part
+    of the map of a window, with as much around the tile as the robot reaches. Raises FileError if the
+    workspace has changed since the build began.
+    """
+    folder, frame = job.folder, job.folder.frame
+    box = folder.cells(index)
+    window = folder.clip(grow(box, folder.reach))
+    outer, inner = job.source.read(as_box(window))
+    source = frame.workspace.source
+    if job.source.stamp != folder.about["source_stamp"]:
+        raise changed_source(source, "its size, time or digest differs")
+    space = job.build(
+        Workspace(folder.sub_grid(window), outer, inner),
+        frame.robot,
+        rotations=frame.rotations,
+        inner=frame.proves_blocked,
+        method=job.method,
+        outside=frame.outside,
+        margin=frame.margin,
+        workers=job.threads,
+    )
+    own = as_box(box - window[0])
+    workspace = Workspace(folder.sub_grid(box), outer[own], inner[own], source=source)
+    states = space._contents.states[(slice(None), *own)]
+    folder.write_tile(index, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
+
+
+def resolve_tile(tile: int | Sequence[int], shape: Sequence[int], slices: int = 1) -> tuple[int, ...]:
     """Return the cells of a tile along each axis.
 
-    The grid and the size of a chunk limit them. Raises InputError unless ``tile`` is a positive integer, or one for
-    each axis.
+    The grid and ``MAX_TILE_STATES`` limit them. Raises InputError unless ``tile`` is a positive
+    integer, or one for each axis.
     """
     given = np.asarray(tile)
     if given.dtype.kind not in "iu" or given.shape not in ((), (len(shape),)) or (given < 1).any():
         rule = "it must be a positive integer, or one for each axis"
         raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096", value=tile)
-    sides = np.broadcast_to(given, (len(shape),))
-    return fit_tile([min(int(side), n) for side, n in zip(sides, shape, strict=True)])
-
-
-def _check_same(store: Store, about: dict[str, Any], rotations: Rotations, shapes: dict[str, NDArray[Any]]) -> None:
-    """Raise FileError if a store has other settings or cells."""
-    hint = "choose another name, or remove it"
-    settings = {
-        name: (store.metadata.get(name), value) for name, value in about.items() if name not in _METADATA_NOT_COMPARED
-    }
-    for name, (theirs, ours) in {**settings, "rotations": (store.rotations, rotations)}.items():
-        if theirs != ours:
-            problem = f"holds another map: {name} is {theirs!s:.60}, not {ours!s:.60}"
-            raise FileError(str(store.path), problem, "a build can only resume with the same settings", hint)
-    is_same = store.metadata["stamp"] == about["stamp"]
-    if is_same and "shapes" in store.names:
-        is_same = "shapes" in shapes and np.array_equal(store.array("shapes"), shapes["shapes"])
-    if not is_same:
-        problem = f"was built on other obstacles: {store.metadata['workspace_source']} has another size, time or digest"
-        raise FileError(str(store.path), problem, "a build can only resume on the same obstacles", hint)
+    sides = np.minimum(np.broadcast_to(given, (len(shape),)), shape).tolist()
+    while slices * math.prod(sides) > MAX_TILE_STATES and max(sides) > 1:
+        longest = int(np.argmax(sides))
+        sides[longest] = -(-sides[longest] // 2)
+    return tuple(sides)

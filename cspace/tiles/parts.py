@@ -1,154 +1,185 @@
-"""Windows and overviews of a stored map, in memory."""
+"""Open tiles of a map, and parts of the map in memory.
+
+All outside a part is unknown, so MIXED there; each proof by a part holds in the whole map.
+"""
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, intersect_boxes, reduce_blocks
-from cspace.grid import Grid
+from cspace.arrays import MIXED, Bools, Floats, Ints
 from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
-from cspace.map.contents import Contents
-from cspace.map.exterior import UNKNOWN
-from cspace.shapes import Shape, Voxels
+from cspace.map.exterior import UNKNOWN, Exterior
+from cspace.shapes import Shape
 from cspace.space import CSpace
-from cspace.store import Index, RecordReader, Store
-from cspace.tiles.work import Job, run_tasks
+from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box, grow
+from cspace.tiles.motions import cut_motions
 from cspace.workspace import Workspace
 
-if TYPE_CHECKING:
-    from distributed import Client
+MAX_PIECES: Final = 2**17
+"""Maximum number of pieces of motions in memory at a time; a motion of more pieces is not proven."""
+
+Ask = Callable[[CSpace, Floats], Any]
+"""Query of some configurations on a map in memory."""
 
 
-def extract_window(store: Store, known: RecordReader, table: Ints, start: Ints, stop: Ints) -> CSpace:
-    """Return the cells [start, stop) as a map.
+class OpenTiles:
+    """The tiles of a map at one moment, read when they are needed.
 
-    Return the whole map if they contain it. ``known`` returns the record of a tile. ``table``, shape (slices, 2 d + 1),
-    holds the states outside the whole map (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the window
-    exceeds the memory.
-    """
-    whole, outside = store.grid, str(store.metadata["outside"])
-    if (start > 0).any() or (stop < whole.shape).any():
-        # The window's own cells hold the states just outside the map; the rest is unknown.
-        outside = UNKNOWN
-    else:
-        start, stop = np.zeros_like(start), np.array(whole.shape)
-    lower = np.array(whole.lower) + whole.spacing * start
-    grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - start).tolist()), whole.axes, whole.units)
-    needed = map_bytes(grid.shape, store.slices) + WORKSPACE_CELL_BYTES * grid.size
-    check_memory(needed, "the window", grid, hint="use a smaller window")
-    box = tuple(map(slice, start.tolist(), stop.tolist()))
-    outer, inner = store.obstacles_in(box, known)
-    source, shapes = f"a window of {store.path.name}", _shapes_in(store, grid, box)
-    workspace = Workspace(grid, outer, inner, source=source, unknown=_unknown_in(store, box), shapes=shapes)
-    return CSpace(
-        Contents(
-            workspace,
-            store.robot,
-            store.rotations,
-            store.slice_of,
-            np.asarray(store.states_in(box, known, table)),
-            outside,
-            float(store.metadata["margin"]),
-            str(store.metadata["precision"]),
-            proves_blocked=store.proves_blocked,
-        )
-    )
-
-
-def _unknown_in(store: Store, box: Box) -> Bools | None:
-    """Return a mask of unknown cells, or None."""
-    if "unknown" not in store.names:
-        return None
-    unknown = np.zeros(tuple(part.stop - part.start for part in box), dtype=np.bool_)
-    in_box, in_map = intersect_boxes(box, tuple(slice(0, n) for n in store.grid.shape))
-    unknown[in_box] = store.array("unknown")[in_map]
-    return unknown
-
-
-def _shapes_in(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
-    """Return obstacles of a window as shapes, or None.
-
-    None means that the obstacles are only cells. ``grid`` is the window's grid and ``box`` its cells in the map.
-    """
-    sides = list(zip(box, store.grid.shape, strict=True))
-    if store.shapes is None or all(part.start >= 0 and part.stop <= n for part, n in sides):
-        return store.shapes
-    if store.metadata["outside"] == "blocked":
-        around = np.ones(grid.shape, dtype=np.bool_)
-        around[tuple(slice(max(0, -part.start), n - part.start) for part, n in sides)] = False
-        return (*store.shapes, Voxels(around, grid.spacing, np.asarray(grid.lower)))
-    whole, bounds = store.grid, [shape.outer.bounds for shape in store.shapes]
-    # If the exterior is free, parts of shapes beyond the map do not count, so shapes that stick out cannot be used.
-    inside = all((low >= whole.lower).all() and (high <= whole.upper).all() for low, high in bounds)
-    return store.shapes if inside else None
-
-
-class ReducedTile(NamedTuple):
-    """A tile in coarse cells.
-
-    Cells at its boundary may lie partly in other tiles.
-
-    Attributes
+    Parameters
     ----------
-    start : tuple of int
-        First coarse cell.
-    min_states, max_states : ndarray of uint8, shape (slices, ...)
-        Smallest and greatest state in each coarse cell.
-    outer : ndarray of bool
-        True for coarse cells with an occupied outer cell.
+    folder : TileFolder
+        Complete folder.
+    max_bytes : int
+        Memory for the states and obstacles of open tiles; one stays open.
     """
 
-    start: tuple[int, ...]
-    min_states: Bytes
-    max_states: Bytes
-    outer: Bools
+    def __init__(self, folder: TileFolder, max_bytes: int) -> None:
+        self.folder = folder
+        sides = np.add(folder.tile, 2 * folder.halo).tolist()
+        tile_bytes = (folder.slices + WORKSPACE_CELL_BYTES) * math.prod(sides)
+        self._max_tiles = max(1, max_bytes // tile_bytes)
+        self._tiles: OrderedDict[Index, CSpace] = OrderedDict()
 
+    @cached_property
+    def frame(self) -> CSpace:
+        """Map of the space outside the grid; in the grid, it proves less than the tiles."""
+        return CSpace(self.folder.frame)
 
-def build_overview(job: Job, max_cells: int, client: Client | None) -> CSpace:
-    """Return a map of at most ``max_cells`` cells per axis.
+    def part(self, index: Index) -> CSpace:
+        """Return a tile, with its halo in the grid, as a map in memory."""
+        if index not in self._tiles:
+            self._tiles[index] = CSpace(self.folder.read_tile(index))
+            if len(self._tiles) > self._max_tiles:
+                self._tiles.popitem(last=False)
+        self._tiles.move_to_end(index)
+        return self._tiles[index]
 
-    A coarse cell is FREE or BLOCKED if all its cells are, else MIXED. Each tile is reduced in a task.
-    """
-    store, grid = job.store, job.store.grid
-    factor = max(1, -(-max(grid.shape) // max_cells))
-    shape = tuple(-(-n // factor) for n in grid.shape)
-    min_states = np.full((store.slices, *shape), BLOCKED, dtype=np.uint8)
-    max_states = np.zeros_like(min_states)
-    outer = np.zeros(shape, dtype=np.bool_)
-    for tile in run_tasks(partial(_reduce_tile, factor=factor), job, list(store), client, None):
-        box = tuple(slice(low, low + n) for low, n in zip(tile.start, tile.outer.shape, strict=True))
-        min_states[(slice(None), *box)] = np.minimum(min_states[(slice(None), *box)], tile.min_states)
-        max_states[(slice(None), *box)] = np.maximum(max_states[(slice(None), *box)], tile.max_states)
-        outer[box] |= tile.outer
-    states = np.where(max_states == FREE, FREE, np.where(min_states == BLOCKED, BLOCKED, MIXED)).astype(np.uint8)
-    for axis, n in enumerate(grid.shape):
-        if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
-            last_cells = np.moveaxis(states, 1 + axis, 0)[-1]
-            last_cells[...] = MIXED
-    coarse = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
-    # Obstacles fill no coarse cell for certain, so the inner cells are empty.
-    inner = np.zeros_like(outer) if factor > 1 else outer
-    workspace = Workspace(coarse, outer, inner, source=f"overview of {store.path.name}")
-    margin = float(store.metadata["margin"])
-    return CSpace(Contents(workspace, store.robot, store.rotations, store.slice_of, states, UNKNOWN, margin))
+    def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
+        """Return a box of cells, in the grid or not, as a map in memory.
 
+        All outside it is unknown, unless the states outside are given. Raises InputError if the map
+        does not fit into memory.
+        """
+        folder, frame = self.folder, self.folder.frame
+        corners = self._limit(corners)
+        grid = folder.sub_grid(corners)
+        needed = map_bytes(grid.shape, folder.slices) + WORKSPACE_CELL_BYTES * grid.size
+        check_memory(needed, "the window", grid, hint="use a smaller window")
+        states = self._outside_states(corners, grid.shape)
+        outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
+        for index in folder.tiles_in(corners):
+            tile = self.part(index)
+            both = np.clip(folder.interior(index), *corners)
+            here = as_box(both - corners[0])
+            there = as_box(both - folder.cells(index)[0])
+            states[(slice(None), *here)] = tile._contents.states[(slice(None), *there)]
+            outer[here] = tile.workspace.outer[there]
+            inner[here] = tile.workspace.inner[there]
+        source = f"a window of {folder.path.name}"
+        workspace = Workspace(grid, outer, inner, source=source, shapes=self._shapes_in(corners))
+        outside = frame.outside if exterior else UNKNOWN
+        contents = replace(frame, workspace=workspace, states=states, outside=outside, exterior=exterior)
+        return CSpace(contents)
 
-def _reduce_tile(job: Job, index: Index, factor: int) -> ReducedTile:
-    """Reduce a tile to coarse cells; a task."""
-    store, cells = job.store, job.store.cells(index)
-    record = store.known(index)
-    inside = tuple(slice(0, part.stop - part.start) for part in cells)
-    cuts = [np.unique([part.start, *range(-(-part.start // factor) * factor, part.stop, factor)]) for part in cells]
-    cell_starts = [cut - part.start for cut, part in zip(cuts, cells, strict=True)]
-    min_states, max_states = [], []
-    for layer in range(store.layers):
-        block = store.states(index, layer, record)[(slice(0, len(store.numbers(layer))), *inside)]
-        starts = [np.arange(len(block)), *cell_starts]
-        min_states.append(reduce_blocks(block, starts, np.minimum))
-        max_states.append(reduce_blocks(block, starts))
-    outer = reduce_blocks(store.obstacles(index, record)[0], cell_starts)
-    start = tuple(part.start // factor for part in cells)
-    return ReducedTile(start, np.concatenate(min_states), np.concatenate(max_states), outer)
+    def _limit(self, corners: Ints) -> Ints:
+        """Return the part of a box in which cells may be FREE."""
+        return corners if self.folder.frame.outside == "free" else self.folder.clip(corners)
+
+    def _outside_states(self, corners: Ints, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        """Return the states of a box of cells as if all were outside the grid."""
+        table = self.frame._exterior.table
+        states = np.empty((len(table), *shape), dtype=np.uint8)
+        for row, part in zip(table, states, strict=True):
+            part[...] = row[-1]
+            mixed = row[:-1].reshape(2, -1) + ONE_MORE - corners[0]
+            part[as_box(np.clip(mixed, 0, shape))] = MIXED
+        return states
+
+    def _shapes_in(self, corners: Ints) -> tuple[Shape, ...] | None:
+        """Return the obstacles of a window as shapes, if they describe its cells."""
+        folder, shapes = self.folder, self.folder.frame.workspace.shapes
+        if shapes is None or np.array_equal(folder.clip(corners), corners):
+            return shapes
+        # Parts of shapes beyond the map do not count if the space outside is free.
+        lower, upper = folder.grid.lower, folder.grid.upper
+        bounds = [shape.outer.bounds for shape in shapes]
+        fits = all((low >= lower).all() and (high <= upper).all() for low, high in bounds)
+        return shapes if fits else None
+
+    # ---- queries ---------------------------------------------------------------------------------
+
+    def ask(self, query: Ask, rows: Floats, out: NDArray[Any], reach: float | None = None) -> None:
+        """Write the answers for configurations, shape (n, size), to ``out``.
+
+        A query reads only the cell of a configuration, or all within ``reach`` metres along each axis.
+        A tile answers it, a window if it reads cells beyond the tile, or the frame if no cell of the
+        grid is near.
+        """
+        folder, grid, rotations = self.folder, self.folder.grid, self.folder.frame.rotations
+        cells = 0 if reach is None else math.ceil(reach / grid.spacing) + 1
+        position = grid.cell_of(rows[:, : grid.dim])
+        if reach is None:  # a point on a border belongs to the cell that the whole map gives it
+            turns = rotations.centers[rotations.find_cells(rows)]
+            rows = np.concatenate([grid.center_of(position), turns], axis=1)
+        near = ((position >= -cells) & (position < np.add(grid.shape, cells))).all(axis=1)
+        if not near.all():
+            out[~near] = query(self.frame, rows[~near])
+        for index, chosen in folder.group_by_tile(position, np.flatnonzero(near)):
+            around = position[chosen]
+            corners = np.stack([around.min(axis=0), around.max(axis=0) + 1])
+            corners = self._limit(grow(corners, cells))
+            is_held = np.array_equal(np.clip(corners, *folder.cells(index)), corners)
+            part = self.part(index) if is_held else self.window(corners)
+            out[chosen] = query(part, rows[chosen])
+
+    def motions_are_free(self, starts: Floats, ends: Floats, out: Bools) -> None:
+        """Write whether motions, from ``starts`` to ``ends`` of shape (n, size), are free."""
+        grid = self.folder.grid
+        position, last = starts[:, : grid.dim], ends[:, : grid.dim]
+        lengths = np.abs(last - position).max(axis=1) / grid.spacing
+        pieces = lengths / (self.folder.halo - 1) + 2.0
+        inside = grid.contains(position) & grid.contains(last)
+        out[:] = (inside | (self.folder.frame.outside == "free")) & (pieces <= MAX_PIECES)
+        for choice in (inside, ~inside):
+            rows = np.flatnonzero(out & choice)
+            batch = np.cumsum(pieces[rows]) // MAX_PIECES
+            for part in np.split(rows, np.flatnonzero(np.diff(batch)) + 1):
+                out[part] = self._prove_motions(starts[part], ends[part], bool(choice is inside))
+
+    def _prove_motions(self, starts: Floats, ends: Floats, is_inside: bool) -> Bools:
+        """Return whether motions are free that lie in the closed grid, or that leave it.
+
+        A motion in the closed grid ignores the cells outside, as in a map in memory.
+        """
+        folder, grid, halo = self.folder, self.folder.grid, self.folder.halo
+        dim, shape = grid.dim, grid.shape
+        out = np.ones(len(starts), dtype=np.bool_)
+        motions, first, last = cut_motions(grid, folder.frame.rotations, halo - 1, starts, ends)
+        position = grid.cell_of(first[:, :dim])
+        far = ((position < -halo) | (position > np.add(shape, halo))).any(axis=1)
+        is_free = self.frame.motion_is_free(first[far], last[far])
+        out[motions[far][~is_free]] = False
+        for index, rows in folder.group_by_tile(position, np.flatnonzero(~far)):
+            left = rows[out[motions[rows]]]  # other motions have failed in another tile
+            if not len(left):
+                continue
+            q = np.stack([first[left], last[left]])
+            if is_inside:
+                part = self.part(index)
+                # Rounding may put the border of the grid just outside the part.
+                q[..., :dim] = np.clip(q[..., :dim], part.grid.lower, part.grid.upper)
+            else:
+                cells = grid.cell_of(q[..., :dim]).reshape(-1, dim)
+                corners = np.stack([cells.min(axis=0), cells.max(axis=0) + 1])
+                part = self.window(grow(corners, 2))
+            out[motions[left[~part.motion_is_free(*q)]]] = False
+        return out

@@ -1,27 +1,29 @@
-"""TiledCSpace, a map that stays in its store."""
+"""TiledCSpace, a map that stays in its folder."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final, NoReturn
+from threading import RLock
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import STATE_NAMES, Floats, Ints
-from cspace.check import check_count
+from cspace.arrays import STATE_NAMES, Floats, StrPath
+from cspace.check import check_count, check_not_negative
 from cspace.configuration_map import ConfigurationMap
-from cspace.engines.slices import Progress
-from cspace.errors import ConfigurationError, InputError
-from cspace.map.batches import Query
+from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.files.access import retry_if_replaced
+from cspace.grid import Grid
+from cspace.map.batches import Query, as_contiguous, evaluate_batch
+from cspace.map.contents import Contents
 from cspace.space import CSpace
-from cspace.store import UNTILED, Store
-from cspace.tiles.cache import TileBackend, fill_in_pieces
-from cspace.tiles.labels import TiledLabels, label_tiles
-from cspace.tiles.parts import build_overview, extract_window
-from cspace.tiles.update import update_store
+from cspace.tiles.folder import ONE_MORE, TileFolder, find_moment, grow, unfinished_map_error
+from cspace.tiles.labels import TiledComponents
+from cspace.tiles.overview import build_overview
+from cspace.tiles.parts import Ask, OpenTiles
+from cspace.tiles.update import update_tiles
 from cspace.update import Patch, Update
 
 if TYPE_CHECKING:
@@ -29,153 +31,210 @@ if TYPE_CHECKING:
 
     from cspace.exact.proofs import ExactQueries
 
+DEFAULT_CACHE_BYTES: Final = 2**30
+"""Default memory for open tiles, in bytes."""
 
-WINDOW_CELLS: Final = {2: 1024, 3: 256}
-"""Cells per axis of the windows that clearance queries open, by the dimension of the grid."""
+MAX_ROWS: Final = 2**20
+"""Maximum number of configurations or motions that are copied and answered at a time."""
 
-CLEARANCE_LOSS_CELLS: Final = 2
-"""Cells by which clearance may be below the distance, rounded up."""
+MAX_NEAREST_CELLS: Final = 512
+"""Maximum distance along an axis at which :meth:`TiledCSpace.nearest_free` searches, in cells."""
 
-DEFAULT_CACHE_BYTES: Final = 2**29
-"""Default memory for decoded tiles, in bytes; holds 2 x 10^9 states."""
-
-WINDOW_HINT: Final = "use a part of it: space.window(lower, upper)"
-
-UPDATE_HINT: Final = "change its cells: space.update(cells, lower)"
-
-ONLY_IN_MEMORY: Final = {
-    "workspace precision overlap_counts cell_states states_at": WINDOW_HINT,
-    "overlap_count contains_robot obstacle_distance overlap_field with_overlap_field": WINDOW_HINT,
-    "point_checker edge_checker clearance_checker": WINDOW_HINT,
-    "reachable_bounds find_path find_widest_path min_path_length sample_free": WINDOW_HINT,
-    "save export to_xarray to_occupancy_grid to_costmap": WINDOW_HINT,
-    "add_obstacle obstacles remove_obstacle": UPDATE_HINT,
-}
-"""Names of :class:`cspace.CSpace` that :class:`TiledCSpace` refuses, and the hint of the error.
-
-``exact`` is refused too. ``docs/reference/stores.md`` lists the names.
-"""
+Result = TypeVar("Result")
 
 
 class TiledCSpace(ConfigurationMap):
-    """A certified map that is read tile by tile.
+    """A certified map in a folder of tiles, each a saved map.
 
-    :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries return the results of the
-    same map in memory, :class:`cspace.CSpace`. They take one configuration, shape (size,), or any batch, shape
-    (..., size). Batches are processed in pieces of 262,144 configurations; each piece reads a tile at most once.
-    :meth:`window` returns a part as a map in memory, which has all other methods; the page on large maps lists them.
+    :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries return the
+    results of the same map in memory, :class:`cspace.CSpace`; :meth:`clearance` is at most the width of the
+    halo of a tile, less two cells. A query groups its configurations by tile, so that each tile is read once.
+    :meth:`window` returns a part as a map in memory, which has all other methods.
 
-    A partial store opens too: :attr:`progress` is the fraction done, and queries raise FileError.
+    A partial map opens too: :attr:`progress` is the fraction done, and queries raise FileError.
 
     Parameters
     ----------
-    store : cspace.store.Store
+    folder : cspace.tiles.folder.TileFolder
     cache_bytes : int
-        Memory for decoded tiles, at least one; a state takes two bits.
+        Memory for open tiles; at least one stays open.
 
     Examples
     --------
     >>> import numpy as np, cspace
     >>> field = cspace.Workspace.from_array(np.eye(300, dtype=bool), 0.1)
     >>> space = cspace.build(field, cspace.Robot.disc(0.2), store="tiles.zarr", tile=128)
-    >>> space.is_free([(5.0, 20.0), (5.0, 5.0)]).tolist()
-    [True, False]
+    >>> space.is_free([(5.0, 20.0), (5.0, 5.0)])
+    array([ True, False])
     >>> space.window((0.0, 15.0), (10.0, 25.0)).clearance((5.0, 20.0)) > 1.0
     True
     """
 
-    def __init__(self, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
-        self._tiles, self._labels = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, TiledLabels | None]
+    def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
+        self._lock, self._cache_bytes = RLock(), int(cache_bytes)
+        self._set_folder(folder)
 
-    @staticmethod
-    def _holds(store: Store) -> bool:
-        """Return True unless tiles exclude the map.
-
-        These are maps with overlap counts or an overlap field.
-        """
-        return not store.names.intersection(UNTILED)
+    def _set_folder(self, folder: TileFolder) -> None:
+        """Show a newer state of the map."""
+        self._tiles = OpenTiles(folder, self._cache_bytes)
+        self._labels: TiledComponents | None = None
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
-        """Open a stored map, complete or partial; see :func:`cspace.open`."""
-        return cls._of_store(Store.open(path), cache_bytes)
+    def open(cls, path: StrPath, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
+        """Open a tiled map, complete or partial; see :func:`cspace.open`."""
+        return cls(TileFolder.open(path), cache_bytes)
 
-    @classmethod
-    def _of_store(cls, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
-        """Return the map of an open store.
+    def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
+        """Pickle the path, not the tiles."""
+        return TiledCSpace.open, (self.path, self._cache_bytes)
 
-        All files are checked, except tiles. Raises ConfigurationError if the map must be in memory, and FileError if a
-        file is missing or damaged.
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Run ``work`` on one state of the map, again if another process changes it meanwhile.
+
+        Raises FileError if the map is not complete.
         """
-        if not cls._holds(store):
-            raise ConfigurationError(
-                "in_memory",
-                f"is False, but {store.path} has overlap counts or an overlap field",
-                "only a map in memory supports them",
-                "open it with in_memory=True",
-            )
-        store.check_files()
-        return cls(store, cache_bytes)
+        with self._lock:
+            while True:
+                self._follow()
+                if not self._folder.sums:
+                    raise unfinished_map_error(self._folder)
+                try:
+                    result = work()
+                except FileError:  # an update may have removed a tile
+                    if not self._is_past():
+                        raise
+                else:
+                    if not self._is_past():
+                        return result
 
-    # ---- properties --------------------------------------------------------------------------------------------------
+    def _is_past(self) -> bool:
+        """Return True if the map has changed since it was read."""
+        return self._folder.moment != find_moment(self._folder.path)
+
+    def _follow(self) -> None:
+        """Read the map again if it has changed."""
+        if self._is_past():
+            self._set_folder(retry_if_replaced(self.path, partial(TileFolder.open, self.path)))
+
+    # ---- properties ------------------------------------------------------------------------------
 
     @property
     def path(self) -> str:
-        """Folder of the store."""
-        return str(self._kept.path)
+        """Folder of the map."""
+        return str(self._folder.path)
 
     @property
     def tile(self) -> tuple[int, ...]:
-        """Cells of a tile along each axis."""
-        return self._kept.tile
+        """Cells of a tile along each axis, without its halo."""
+        return self._folder.tile
+
+    @property
+    def halo(self) -> int:
+        """Cells around each tile that are saved with it."""
+        return self._folder.halo
 
     @property
     def progress(self) -> float:
         """Fraction of tiles built; queries need 1."""
-        return self._tiles.share_done
+        self._follow()
+        return self._folder.progress
 
     @property
     def version(self) -> int:
         """Number of updates since the build."""
-        return int(self._tiles.latest.metadata["version"])
+        self._follow()
+        return int(self._folder.about["updates"])
 
     @property
-    def _kept(self) -> Store:
-        return self._tiles.store
+    def grid(self) -> Grid:
+        """Grid of positions."""
+        return self._folder.grid
+
+    @property
+    def _folder(self) -> TileFolder:
+        return self._tiles.folder
+
+    @property
+    def _kept(self) -> Contents:
+        return self._folder.frame
 
     def count(self) -> tuple[int, int, int]:
-        """Return the number of FREE, MIXED and BLOCKED cells."""
-        self._tiles.check_done()
-        store = self._tiles.latest
-        free, mixed, blocked = np.array(store.metadata["counts"])[store.slice_of].sum(axis=0).tolist()
+        """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
+        free, mixed, blocked = self._at_one_moment(lambda: dict(self._folder.sums or {})["counts"])
         return free, mixed, blocked
 
     @property
     def _summary(self) -> str:
         share = "" if self.progress == 1.0 else f", {self.progress:.1%} of them done"
-        return f"{len(self._kept)} tiles of {' x '.join(map(str, self.tile))}{share}"
+        return f"{len(self._folder)} tiles of {' x '.join(map(str, self.tile))}{share}"
 
     @property
     def _facts(self) -> dict[str, object]:
-        cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))} if self.progress == 1.0 else {}
-        return {
-            "tile": list(self.tile),
-            "done_percent": round(100.0 * self.progress, 4),
-            **cells,
-            "version": self.version,
-        }
+        cells = {}
+        if self.progress == 1.0:
+            cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))}
+        done = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
+        return {**done, **cells, "version": self.version}
 
-    def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
-        """Pickle the path, not the content of the store."""
-        return TiledCSpace.open, (self.path, self._tiles.limit)
+    # ---- queries ---------------------------------------------------------------------------------
 
-    # ---- connectivity ------------------------------------------------------------------------------------------------
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Any:
+        """Return True if all near configurations are proven free; see :meth:`CSpace.is_free_around`."""
+        reach = check_not_negative(distance, "distance")
+        check_not_negative(angle, "angle", "pass it in radians")
+        query = self._query(lambda part, rows: part.is_free_around(rows, reach, angle), reach)
+        return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
-    def compute_components(self, client: Client | None = None, progress: Progress | None = None) -> None:
-        """Compute and store the connected components.
+    def _query(self, ask: Ask, reach: float | None = None) -> Query:
+        """Return a query of configurations that the tiles answer."""
+        return self._in_pieces(lambda rows, out: self._tiles.ask(ask, rows, out, reach))
+
+    def _in_pieces(self, work: Callable[..., None]) -> Query:
+        """Return a query that works on checked rows, a piece of the batch at a time."""
+
+        def fill(parts: Sequence[Any], out: NDArray[Any]) -> int:
+            check = self._tiles.frame._classify()
+            for first in range(0, len(out), MAX_ROWS):
+                answers = out[first : first + MAX_ROWS]
+                rows = [as_contiguous(given[first : first + MAX_ROWS]) for given in parts]
+                for part in rows:
+                    bad = check([part], np.empty(len(part), dtype=np.uint8))
+                    if bad >= 0:
+                        return first + bad
+                work(*rows, answers)
+            return -1
+
+        return lambda parts, out: self._at_one_moment(partial(fill, parts, out))
+
+    def _classify(self) -> Query:
+        return self._query(lambda part, rows: part.classify(rows))
+
+    def _frees(self, exact: bool) -> Query:
+        return super()._frees(exact and self._exact is not None)
+
+    def _edges(self, exact: bool) -> Query:
+        if exact:
+            _ = self._exact
+        return self._in_pieces(lambda *rows: self._tiles.motions_are_free(*rows))
+
+    def _clearances(self) -> Query:
+        # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two cells too small.
+        limit = (self.halo - 2) * self.grid.spacing
+        return self._query(lambda part, rows: np.minimum(part.clearance(rows), limit), limit)
+
+    @property
+    def _exact(self) -> ExactQueries:
+        hint = "use a part of it: space.window(lower, upper)"
+        raise ConfigurationError("exact", "needs a map in memory", "this one stays in its folder", hint)
+
+    # ---- connectivity ----------------------------------------------------------------------------
+
+    def compute_components(
+        self, client: Client | None = None, progress: Callable[[int, int], None] | None = None
+    ) -> None:
+        """Compute the connected components and save them.
 
         The first :meth:`is_connected` calls this in threads of this process; call it to do so earlier or on a cluster.
-        After an update only the changed tiles are labelled again.
 
         Parameters
         ----------
@@ -184,25 +243,17 @@ class TiledCSpace(ConfigurationMap):
         progress : callable, optional
             Called with (tiles done, number of tiles).
         """
+        self._at_one_moment(lambda: self._find_components(client, progress))
 
-        def advance(count: int) -> None:
-            if progress is not None:
-                progress(count, len(self._kept))
-
-        self._tiles.at_one_moment(lambda: self._update_labels(client, advance))
-
-    def _update_labels(
-        self, client: Client | None = None, progress: Callable[[int], None] | None = None
-    ) -> TiledLabels:
-        """Return current labels, computing missing ones."""
-        if self._labels is None or self._labels.store is not self._kept:
-            label_tiles(self._tiles.job, client, progress)
-            self._labels = TiledLabels(self._kept, self._tiles.exterior)
+    def _find_components(self, *options: Any) -> TiledComponents:
+        """Return the components of the map, computed if they are not saved."""
+        if self._labels is None:
+            self._labels = TiledComponents(self._tiles, *options)
         return self._labels
 
     @property
-    def _components(self) -> TiledLabels:
-        return self._update_labels()
+    def _components(self) -> TiledComponents:
+        return self._find_components()
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """Split a planning problem into one per tile.
@@ -220,48 +271,41 @@ class TiledCSpace(ConfigurationMap):
             For each tile, a function that returns it as a map in memory, and the start and goal in it, shape (size,),
             yaw in [-pi, pi). Each goal is the start of the next tile. Empty if no FREE cells connect q0 and q1.
         """
-        q0, q1 = (
-            self.rotations._make_canonical(self._check_configurations(q, name), name)
-            for q, name in ((q0, "q0"), (q1, "q1"))
+        rotations = self.rotations
+        start, goal = (
+            rotations.make_canonical(self._check_configurations(q, name), name) for q, name in ((q0, "q0"), (q1, "q1"))
         )
-        cells = [self._cells_of(q) for q in (q0, q1)]
-        tiles, crossings = self._tiles.at_one_moment(lambda: self._update_labels().chain(*cells))
-        if not tiles:
-            return []
-        rotations = self.rotations.centers[crossings[:, 0]]
-        points = [q0, *np.concatenate([self.grid.center_of(crossings[:, 1:]), rotations], axis=1), q1]
-        next_cells = [*crossings[:, 1:], cells[1][1:]]
+        ends = self._cells_of(start), self._cells_of(goal)
+        tiles, crossings = self._at_one_moment(lambda: self._find_components().chain(*ends))
+        turns = rotations.centers[crossings[:, 0]]
+        places = self.grid.center_of(crossings[:, 1:])
+        points = [start, *np.concatenate([places, turns], axis=1), goal]
         return [
-            (partial(self._open_tile, tile, cell), points[k], points[k + 1])
-            for k, (tile, cell) in enumerate(zip(tiles, next_cells, strict=True))
+            (partial(self._open_part, tile), first, last)
+            for tile, first, last in zip(tiles, points[:-1], points[1:], strict=False)
         ]
 
-    def _open_tile(self, tile: tuple[int, ...], cell: Ints) -> CSpace:
-        """Return a tile and a cell as a map in memory."""
-        low, high = np.array([[part.start, part.stop] for part in self._kept.cells(tile)]).T
-        return self._window_of_cells(np.minimum(low, cell), np.maximum(high, cell + 1))
+    def _open_part(self, tile: tuple[int, ...]) -> CSpace:
+        """Return the part of a tile as a map in memory."""
+        return self._at_one_moment(lambda: self._tiles.part(tile))
 
     def nearest_free(self, q: ArrayLike) -> Floats:
-        """Return the nearest FREE configuration within half a tile.
+        """Return the center of the nearest FREE cell within half a tile.
 
         See :meth:`cspace.CSpace.nearest_free`.
         """
         point = self._check_configurations(q)
         center = np.clip(point[: self.grid.dim], self.grid.lower, self.grid.upper)
-        half_side = 0.5 * self.grid.spacing * np.minimum(self.tile, WINDOW_CELLS[self.grid.dim])
-        return self.window(center - half_side, center + half_side).nearest_free(point)
+        reach = 0.5 * self.grid.spacing * np.minimum(self.tile, 2 * MAX_NEAREST_CELLS)
+        return self.window(center - reach, center + reach).nearest_free(point)
 
-    def _window_of_cells(self, start: Ints, stop: Ints) -> CSpace:
-        """Return the cells [start, stop) as a map."""
-        tiles = self._tiles
-        return tiles.at_one_moment(lambda: extract_window(tiles.store, tiles.record, tiles.exterior.table, start, stop))
-
-    # ---- windows and updates -----------------------------------------------------------------------------------------
+    # ---- parts and updates -----------------------------------------------------------------------
 
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
         """Return the map of a box, in memory.
 
-        It holds the cells of the box and the cells that the robot reaches from it, also beyond the boundary of the map.
+        It holds the cells of the box and the cells that the robot reaches from it, also beyond the boundary of the map
+        if the space there is free.
         All other cells count as MIXED, and ``outside`` is "unknown". So the window proves two configurations
         disconnected only if they are so in the whole map, and clearances end at the window's boundary. A window of the
         whole map is the map, with its own ``outside``.
@@ -277,27 +321,27 @@ class TiledCSpace(ConfigurationMap):
         Returns
         -------
         CSpace
-            Independent of later updates of the stored map.
+            Independent of later updates of the tiled map.
 
         Raises
         ------
         InputError
             If the box shares no cell with the map, or exceeds the memory.
         """
-        grid = self.grid
-        corners = [grid.coordinates(corner, name) for corner, name in ((lower, "lower"), (upper, "upper"))]
-        problem = f"is from {lower!r} to {upper!r}"
-        if any(corner.ndim != 1 for corner in corners) or (corners[0] > corners[1]).any():
-            rule = f"it must be a lower and an upper corner of {grid.dim} numbers each"
+        folder = self._folder
+        ends = self.grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
+        cells = folder.clip(self.grid.cell_of(ends) + ONE_MORE)
+        if ends.ndim != 2 or (ends[0] > ends[1]).any() or (cells[0] >= cells[1]).any():
+            rule = f"it must be two corners of a box in the map, {self.grid.lower} to {self.grid.upper}"
+            problem = f"is from {lower!r} to {upper!r}"
             raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
-        start, last = map(grid.cell_of, corners)
-        start, stop = np.maximum(start, 0), np.minimum(last + 1, grid.shape)
-        if (start >= stop).any():
-            rule = f"it must overlap the map, from {grid.lower} to {grid.upper}"
-            raise InputError("window", problem, rule, "pass a part of the map", value=(lower, upper))
-        return self._window_of_cells(start + self._tiles.job.reach[0], stop + self._tiles.job.reach[1])
+        corners = grow(cells, folder.reach)
+        whole = folder.clip(corners)
+        if (np.diff(whole, axis=0) == self.grid.shape).all():
+            return self._at_one_moment(lambda: self._tiles.window(whole, self._folder.frame.exterior))
+        return self._at_one_moment(lambda: self._tiles.window(corners))
 
-    def overview(self, max_cells: int = 1024, client: Client | None = None) -> CSpace:
+    def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.
 
         It serves plots and rough queries. A coarse cell is FREE if all its cells are FREE, BLOCKED if all are BLOCKED,
@@ -307,86 +351,27 @@ class TiledCSpace(ConfigurationMap):
         ----------
         max_cells : int
             Maximum number of cells along an axis.
-        client : dask.distributed.Client, optional
-            As for :func:`cspace.build`.
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
-        return self._tiles.at_one_moment(lambda: build_overview(self._tiles.job, count, client))
+        return self._at_one_moment(lambda: build_overview(self._folder, count))
 
-    def update(
-        self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None
-    ) -> Update:
+    def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
         """Replace a box of workspace cells; update the map.
 
-        The result equals a new build; only the affected tiles are rebuilt. They replace the old tiles atomically, and
-        :attr:`version` grows: queries, in any process, see the map before or after the update, even if it is killed.
-        Concurrent updates wait for each other.
+        The result equals a new build. A window around the box is updated in memory, and the tiles that the change
+        reaches are replaced at one moment; :attr:`version` grows. Queries, in any process, see the map before or after
+        the update, even if it is killed. Updates wait for each other.
 
         Parameters
         ----------
         cells, lower, inner
             As for :meth:`cspace.CSpace.update`.
-        client : dask.distributed.Client, optional
-            As for :func:`cspace.build`.
 
         Returns
         -------
         Update
         """
         patch = Patch.of(self.grid, cells, lower, inner)
-        with self._tiles.lock:
-            self._tiles.check_done()
-            return update_store(self._tiles.latest, patch, client, self._tiles.job.reach)
-
-    # ---- kernels -----------------------------------------------------------------------------------------------------
-
-    @property
-    def _backend(self) -> TileBackend:
-        return self._tiles
-
-    def _clearances(self) -> Query:
-        return partial(fill_in_pieces, self._clearances_in_windows)
-
-    def _clearances_in_windows(self, rows: Floats, out: Floats) -> int:
-        """Fill ``out`` with clearances, in windows of blocks."""
-        max_distance = WINDOW_CELLS[self.grid.dim] // 16
-        margin = max_distance + CLEARANCE_LOSS_CELLS
-        bad = self._classify()([rows], np.empty(len(rows), dtype=np.uint8))
-        if bad >= 0:
-            return bad
-        cells = self.grid.cell_of(rows[:, : self.grid.dim])
-        blocks, block_of = np.unique(cells // WINDOW_CELLS[self.grid.dim], axis=0, return_inverse=True)
-        for block in range(len(blocks)):
-            chosen = np.flatnonzero(block_of.reshape(-1) == block)
-            lower, upper = cells[chosen].min(axis=0), cells[chosen].max(axis=0)
-            window = self._window_of_cells(lower - margin, upper + margin + 1)
-            # Beyond `max_distance` the window's boundary may be nearer than any cell that is not FREE.
-            out[chosen] = np.minimum(window.clearance(rows[chosen]), max_distance * self.grid.spacing)
-        return -1
-
-    @property
-    def _exact(self) -> ExactQueries:
-        raise in_memory_error("exact")
-
-
-class RefusedAttribute:
-    """Descriptor for attributes that stored maps refuse."""
-
-    def __init__(self, name: str, hint: str) -> None:
-        self._refused = name, hint
-
-    def __get__(self, space: TiledCSpace | None, kind: type[TiledCSpace]) -> NoReturn:
-        """Raise ConfigurationError for maps, AttributeError for the class."""
-        if space is None:
-            raise AttributeError(f"type object 'TiledCSpace' has no attribute {self._refused[0]!r}")
-        raise in_memory_error(*self._refused)
-
-
-def in_memory_error(name: str, hint: str = WINDOW_HINT) -> ConfigurationError:
-    """Return the error of methods for maps in memory."""
-    return ConfigurationError(name, "needs a map in memory", "this one stays in its store", hint)
-
-
-for _names, _hint in ONLY_IN_MEMORY.items():
-    for _name in _names.split():
-        setattr(TiledCSpace, _name, RefusedAttribute(_name, _hint))
+        with self._lock:
+            self._at_one_moment(lambda: None)  # raises if the map is not complete
+            return update_tiles(self._folder.path, patch)

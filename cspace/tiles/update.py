@@ -1,109 +1,81 @@
-"""Atomic updates of a stored map."""
+"""Updates of tiled maps: all tiles that a change reaches are replaced at one moment."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
-from cspace.arrays import Bools, Box, Ints, intersect_boxes
-from cspace.errors import InputError
-from cspace.store import Index, Store, aside_name
-from cspace.tiles.work import Job, run_tasks
+from cspace.files.access import replacing
+from cspace.map.contents import Contents
+from cspace.map.exterior import Exterior
+from cspace.save import is_map_folder
+from cspace.tiles.folder import TileFolder, as_box, grow, write_root
+from cspace.tiles.parts import OpenTiles
 from cspace.update import Patch, Update
 
-if TYPE_CHECKING:
-    from distributed import Client
 
+def update_tiles(path: Path, patch: Patch) -> Update:
+    """Write a patch of the workspace into a map, and replace its folder by a new one.
 
-class PatchedSource:
-    """Workspace cells of a store, with a patch."""
-
-    def __init__(self, store: Store, patch: Patch) -> None:
-        self._store, self._patch, self.same = store, patch, bool(store.metadata["same"])
-
-    def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the outer and inner cells of a box."""
-        outer, inner = self._store.obstacles_in(box)
-        in_box, in_patch = intersect_boxes(box, self._patch.window)
-        if all(part.start < part.stop for part in in_box):
-            outer[in_box] = self._patch.outer[in_patch]
-            if inner is not outer:
-                inner[in_box] = self._patch.inner[in_patch]
-        return outer, inner
-
-    @property
-    def stamp(self) -> str:
-        """Stamp of the store's workspace."""
-        return str(self._store.metadata["stamp"])
-
-
-def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints) -> Update:
-    """Apply a patch to a store atomically.
-
-    Readers see the map before or after it. Raises InputError if the patch has inner cells and the store keeps only
-    outer ones, and FileError if the store cannot be read or written. An update that fails leaves the map unchanged.
+    A window around the patch is updated in memory. Tiles that the change does not reach are linked
+    into the new folder. Raises InputError if the window does not fit into memory, and FileError if
+    the map cannot be read or written; the old folder then stays.
     """
-    if patch.inner is not patch.outer and store.metadata["same"]:
-        rule = "its outer and inner cells are the same"
-        raise InputError("inner", f"is given for {store.path}", rule, "omit it, or build a new map", value=patch.inner)
-    with _lock_store(store):
-        store = Store.open(store.path).settled()
-        old = store.obstacles_in(patch.window)
-        differ = (old[0] != patch.outer) | (old[1] != patch.inner)
-        if not differ.any():
-            return Update(0, patch.lower, patch.lower, 0)
-        changed_cells = np.argwhere(differ)
-        start, stop = changed_cells.min(axis=0) + patch.lower, changed_cells.max(axis=0) + patch.lower + 1
-        lower, upper = np.maximum(start - reach[1], 0), np.minimum(stop - reach[0], store.grid.shape)
-        # Tiles hold workspace cells too, so those with changed cells are rebuilt even if no state there can change.
-        box = zip(np.minimum(lower, start).tolist(), np.maximum(upper, stop).tolist(), strict=True)
-        tiles = list(store.tiles_in([slice(low, high) for low, high in box]))
-        aside = aside_name()
-        changed = run_tasks(
-            partial(_rebuild_tile, aside=aside), Job(store, PatchedSource(store, patch)), tiles, client, None
-        )
-        updated = replace(store, metadata={**store.metadata, "aside": aside})
-        store.commit(aside, **updated.totals())
-    weights = np.bincount(store.slice_of, minlength=store.slices)
-    changed_count = int(np.sum(changed, axis=0) @ weights)
-    return Update(int(np.count_nonzero(differ)), tuple(lower.tolist()), tuple(upper.tolist()), changed_count)
+    with _lock(path.parent):
+        folder = TileFolder.open(path)
+        tiles, first = OpenTiles(folder, 0), np.array(patch.lower)
+        corners = np.stack([first, first + patch.outer.shape])
+        reached = folder.clip(grow(corners, folder.reach))
+        around = folder.clip(grow(reached, folder.reach))
+        window = tiles.window(around, Exterior(tiles.frame._exterior.table.copy()))
+        update = window.update(patch.outer, first - around[0], inner=patch.inner)
+        lower, upper = (tuple((around[0] + end).tolist()) for end in (update.lower, update.upper))
+        if not update.occupied:
+            return replace(update, lower=lower, upper=upper)
+        touched = set(folder.tiles_in(grow(reached, folder.halo)))
+        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
+            kept = [folder.tile_path(index) for index in folder if index not in touched]
+            for source in kept:
+                shutil.copytree(source, temporary / source.name, copy_function=os.link)
+            cell = replace(folder.frame.workspace, shapes=None)  # shapes no longer describe the cells
+            frame = replace(folder.frame, workspace=cell, exterior=None)
+            write_root(temporary, frame, {**folder.about, "updates": folder.about["updates"] + 1})
+            new = TileFolder.open(temporary)
+            for index in touched:
+                tile, cells = folder.read_tile(index), folder.cells(index)
+                both = np.clip(reached, *cells)
+                here, there = as_box(both - cells[0]), as_box(both - around[0])
+                new.write_tile(index, _copy_cells(window._contents, there, tile, here))
+            new.complete()
+    return replace(update, lower=lower, upper=upper)
 
 
-def _rebuild_tile(job: Job, index: Index, aside: str) -> Ints:
-    """Write a new version of a tile.
-
-    It lies beside the old one. Return the number of changed states per slice.
-    """
-    store = job.store
-    updated = replace(store, metadata={**store.metadata, "aside": aside})
-    old, new = store.known(index), job.build_tile(index, aside=aside)
-    changed = np.zeros(store.slices, dtype=np.int64)
-    for layer in range(store.layers):
-        numbers = store.numbers(layer)
-        if old.digests[layer] != new.digests[layer]:
-            parts = (each.states(index, layer, record) for each, record in ((store, old), (updated, new)))
-            before, after = (part[: len(numbers)].reshape(len(numbers), -1) for part in parts)
-            changed[numbers.start : numbers.stop] = np.count_nonzero(before != after, axis=1)
-    return changed
+def _copy_cells(source: Contents, there: tuple[slice, ...], tile: Contents, here: tuple[slice, ...]) -> Contents:
+    """Return a tile with a box of cells from another map."""
+    outer, inner = tile.workspace.outer.copy(), tile.workspace.inner.copy()
+    outer[here] = source.workspace.outer[there]
+    inner[here] = source.workspace.inner[there]
+    tile.states[(slice(None), *here)] = source.states[(slice(None), *there)]
+    return replace(tile, workspace=replace(tile.workspace, outer=outer, inner=inner))
 
 
 @contextmanager
-def _lock_store(store: Store) -> Iterator[None]:
-    """Lock a store against updates by other processes."""
+def _lock(folder: Path) -> Iterator[None]:
+    """Let the updates of other processes wait, except on Windows, which has no such locks."""
     try:
         import fcntl
-    except ImportError:  # Windows has no such locks
+    except ImportError:
         yield
         return
-    folder = os.open(store.path, os.O_RDONLY)
+    handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(folder, fcntl.LOCK_EX)
+        fcntl.flock(handle, fcntl.LOCK_EX)
         yield
     finally:
-        os.close(folder)
+        os.close(handle)

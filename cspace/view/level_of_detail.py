@@ -78,7 +78,7 @@ class CellsInMemory:
 
     def map_blocks(self, rotation: Floats | None) -> Blocks:
         """Return the blocks of the map, or without rotation of the workspace."""
-        key = -1 if rotation is None else int(self.sampling_map.rotations._cells_of(rotation))
+        key = -1 if rotation is None else int(self.sampling_map.rotations.find_cells(rotation))
         if key not in self._cached:
             everything = Part((0,) * self.grid.dim, self.grid.shape, self.side)
             self._cached[key] = self.part_blocks(rotation, everything)

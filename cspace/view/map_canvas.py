@@ -63,7 +63,7 @@ class MapCanvas(Canvas):
     """
 
     def __init__(self, space: Any, cells: Cells, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
-        given = {name: space.rotations._make_canonical(q, name) for name, q in marks.items()}
+        given = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
         super().__init__(server, space, _choose_endpoints(space, cells) | given)
         self.cells, self.is_quick = cells, cells.is_quick
         self.glyph = RobotGlyph(space.robot, space.rotations)
@@ -154,7 +154,7 @@ class MapCanvas(Canvas):
 
     def describe(self, q: Floats) -> str:
         """Return state, clearance and rotation of a configuration as text."""
-        return f"{super().describe(q)}  \n{self._space.rotations._describe(q[self._space.grid.dim :])}"
+        return f"{super().describe(q)}  \n{self._space.rotations.describe(q[self._space.grid.dim :])}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether a path exists."""
@@ -254,7 +254,7 @@ class MapCanvas(Canvas):
     def _plan_drawing(self) -> dict[str, tuple[Hashable, Callable[[str], None]]]:
         """Return the key and draw function of each node of the scene."""
         q, cut, part, shown, stage = self.robot, self.cut, self.part, set(self.shown), self.stage
-        rotation, cell = q[self._space.grid.dim :], int(self._space.rotations._cells_of(q))
+        rotation, cell = q[self._space.grid.dim :], int(self._space.rotations.find_cells(q))
         lid = not (stage.has_height and SECTION in shown)
         looks: list[tuple[str, Part | None, Callable[[Floats | None], Blocks]]] = [
             ("whole", part, self.cells.map_blocks)
@@ -345,7 +345,7 @@ class Poses:
         self.dim, self._rotations = dim, rotations
         q = np.zeros(dim + len(rotations.names))
         q[-1] = 1.0
-        self.angles = ANGLES[3 - (rotations._steps_between(q, q).shape[-1] - dim) :]
+        self.angles = ANGLES[3 - (rotations.steps_between(q, q).shape[-1] - dim) :]
 
     def position(self, q: Floats) -> tuple[float, ...]:
         """Return the position of a configuration, metres."""
@@ -363,7 +363,7 @@ class Poses:
         angles = np.zeros(3)
         angles[3 - len(degrees) :] = degrees
         matrix = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
-        return np.array([*position, *self._rotations._from_matrix(matrix)])
+        return np.array([*position, *self._rotations.from_matrix(matrix)])
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
         """Return position and quaternion w, x, y, z of the robot in space."""
@@ -373,7 +373,7 @@ class Poses:
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:
         """Return the configuration nearest to a pose in space."""
         matrix = Rotation.from_quat(np.asarray(wxyz)[[1, 2, 3, 0]]).as_matrix()
-        return np.array([*np.asarray(position)[: self.dim], *self._rotations._from_matrix(matrix)])
+        return np.array([*np.asarray(position)[: self.dim], *self._rotations.from_matrix(matrix)])
 
     def _matrix(self, q: Floats) -> Floats:
         """Return the rotation matrix of a configuration.
@@ -381,13 +381,13 @@ class Poses:
         Its shape is (3, 3); a map of the plane rotates about z.
         """
         matrix = np.eye(3)
-        matrix[: self.dim, : self.dim] = self._rotations._rotation_matrices(q)
+        matrix[: self.dim, : self.dim] = self._rotations.rotation_matrices(q)
         return matrix
 
 
 def _choose_endpoints(space: Any, cells: Cells) -> dict[str, Floats]:
     """Return two FREE configurations far apart, or the center of the grid."""
-    sampling_map, upright = cells.sampling_map, space.rotations._from_matrix(np.eye(3))
+    sampling_map, upright = cells.sampling_map, space.rotations.from_matrix(np.eye(3))
     samples = sample_free_configurations(
         sampling_map, np.array([*np.add(space.grid.lower, space.grid.upper) / 2, *upright])
     )

@@ -176,7 +176,7 @@ def draw_window() -> Figure:
         part = window.classify(centers(window.grid))
         start, end = window.grid.lower, window.grid.upper
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.9), width_ratios=[5, 4], layout="constrained")
-    axes[0].set_title("a map in a store: 4 x 3 tiles")
+    axes[0].set_title("a tiled map: 4 x 3 tiles")
     axes[1].set_title("space.window(lower, upper), in memory")
     for ax, states, extent in (
         (axes[0], whole, (0.0, 128.0, 0.0, 96.0)),
@@ -357,7 +357,7 @@ FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("pictures, files for others", ("plot", "export"), "#e8e3f3"),
     ("arms", ("arms",), "#d4eaf7"),
     ("maps for users", ("space", "builder", "opening", "update", "tiles"), "#d4eaf7"),
-    ("stored maps", ("store",), "#d4eaf7"),
+    ("saved maps", ("save",), "#d4eaf7"),
     ("frequency domain", ("spectral",), "#d4eaf7"),
     ("proofs and look-ups", ("exact", "map"), "#d4eaf7"),
     ("engines", ("engines",), "#d4eaf7"),

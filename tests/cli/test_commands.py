@@ -25,11 +25,9 @@ from cspace.errors import InputError
 from cspace.limits import MESH_CELL_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate
 from cspace.plot.artists import PATH_COLOR
-from cspace.spectral import FourierOverlap
 from cspace.view.scene import rgb
 from tests import urdfs
 from tests.commands import COMMANDS, document, run
-from tests.maps import same
 from tests.refusals import refusals
 from tests.repository import ROOT
 
@@ -626,40 +624,6 @@ def test_export_writes_every_format(room: Path) -> None:
     document("export", "turning.zarr", "slice.yaml", "--rotation", "90deg")
     image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
     np.testing.assert_array_equal(~image.outer, cspace.open("turning.zarr").states_at(math.pi / 2) == cspace.FREE)
-
-
-# ----------------------------------------------------------------------------------------------- overlap fields
-
-
-@pytest.mark.parametrize("turning", [False, True])
-def test_commands_keep_and_use_an_overlap_field(tmp_path: Path, turning: bool) -> None:
-    # ``info`` reports it, ``export`` keeps it, and ``plan`` uses it.
-    pytest.importorskip("finufft")
-    balls, obstacles = ([(0.0, 0.0), (0.15, 0.0)], 0.12), ([(1.0, 0.32)], 0.3)
-    workspace = cspace.Workspace.from_balls(*obstacles, 0.05, bounds=(0.0, 0.0, 2.0, 1.6))
-    plain = cspace.build(workspace, cspace.Robot.from_balls(*balls), rotations=12 if turning else None)
-    carried = plain.with_overlap_field(FourierOverlap.of_shapes(balls, obstacles, swell=0.2))
-    plain.save(tmp_path / "plain.zarr")
-    carried.save(tmp_path / "map.zarr")
-    printed, less = (document("info", tmp_path / name) for name in ("map.zarr", "plain.zarr"))
-    assert printed.pop("overlap_field") is True and "overlap_field" not in less
-    assert carried.overlap_field is not None
-    more = printed.pop("memory_bytes") - less.pop("memory_bytes")
-    assert more == carried.overlap_field.values.nbytes
-    assert printed == less
-    lines = run("info", tmp_path / "map.zarr").stdout.splitlines()
-    assert any(line.split() == ["overlap", "field", "yes"] for line in lines)
-    document("export", tmp_path / "map.zarr", tmp_path / "copy.zarr")
-    same(carried, cspace.open(tmp_path / "copy.zarr"))
-    endpoints = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
-    options = ["--start", endpoints[0], "--goal", endpoints[1], "--planner", "RRTstar", "--objective", "overlap"]
-    for limit in (0.1, 0.5, 2, 10):  # a busy machine needs the longer limits
-        result = run("plan", tmp_path / "map.zarr", *options, "--seed", 1, "--time-limit", limit, "--json")
-        if result.exit_code == 0:
-            break
-    assert json.loads(result.stdout)["certified"]
-    result = run("plan", tmp_path / "plain.zarr", *options)
-    assert result.exit_code == 2 and "the map carries none" in result.stderr
 
 
 # ----------------------------------------------------------------------------------------------- progress, Ctrl-C

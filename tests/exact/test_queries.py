@@ -98,7 +98,7 @@ def test_decided_cells_need_no_geometry(make):
     q = q[space.classify(q) != MIXED]
     edges = q[:-1], q[1:]
     through = space.motion_is_free(*edges)
-    slices = space.rotations._slices_for(space.robot.shape)
+    slices = space.rotations.assign_slices(space.robot.shape)
     states = space.cell_states.reshape(-1, *space.grid.shape)[np.unique(slices, return_index=True)[1]]
     of = space.workspace, space.robot, space.rotations, slices, states
     # Proofs are None, so that any query beyond the cells fails.

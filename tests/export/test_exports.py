@@ -231,7 +231,6 @@ def test_vtk_reads_written_arrays_back(data: st.DataObject) -> None:
         "cell_states": data.draw(hnp.arrays(np.uint8, shape)),
         "outer": data.draw(hnp.arrays(bool, shape)),
         "overlap_counts": data.draw(hnp.arrays(np.int32, shape)),
-        "penetration": data.draw(hnp.arrays(np.float64, shape)),
     }
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(vti, "_CELLS_PER_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
@@ -271,7 +270,7 @@ def test_vtk_reads_the_slice_at_a_rotation(tmp_path: Path, make: Callable[[], cs
     np.testing.assert_array_equal(arrays["cell_states"].ravel(order="F")[cells], space.classify(q))
 
 
-@pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning", "field"])
+@pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning"])
 def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> None:
     space = MAP_BUILDERS[name]()
     space.export(tmp_path / "map.vti")
@@ -297,7 +296,7 @@ def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: np.ndarray) 
 # ---- ROS maps, and what holds for all ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["grid", "turning", "field"])
+@pytest.mark.parametrize("name", ["grid", "turning"])
 @pytest.mark.parametrize("suffix", [".yaml", ".yml"])
 def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str) -> None:
     space = MAP_BUILDERS[name]()

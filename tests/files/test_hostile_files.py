@@ -558,7 +558,7 @@ def test_codecs_are_never_imported_by_name(tmp_path: Path, families: dict[str, P
     described = json.loads((path / "cell_states" / "zarr.json").read_text())
     described["codecs"].append({"name": "of_a_plug_in"})
     soak.forge_store(path, soak.read_parts(path), "cell_states/zarr.json", json.dumps(described).encode())
-    with pytest.raises(FileError, match=r"cell_states: is encoded with .*of_a_plug_in"):
+    with pytest.raises(FileError, match=r"of_a_plug_in"):
         cspace.open(path)
 
 

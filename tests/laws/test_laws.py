@@ -217,11 +217,15 @@ def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
     for name, count, options in queries_of(any_map):
         query, given = getattr(any_map.space, name), [q, near][:count]
         answers = query(*given, *options)
-        assert list(answers) == [query(*row, *options) for row in zip(*given, strict=True)], name
+        singles = [query(*row, *options) for row in zip(*given, strict=True)]
+        # A batch may ask a tile and one of its rows a smaller window, whose distances round differently.
+        rounding = 1e-12 if name == "clearance" and isinstance(any_map.space, cspace.TiledCSpace) else 0.0
+        np.testing.assert_allclose(answers, singles, rtol=0.0, atol=rounding, err_msg=name)
         shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
         assert shaped.shape == (2, 3, 4)
         np.testing.assert_array_equal(shaped.ravel(), answers, name)
-        np.testing.assert_array_equal(query(*(part[:3].tolist() for part in given), *options), answers[:3], name)
+        few = query(*(part[:3].tolist() for part in given), *options)
+        np.testing.assert_allclose(few, answers[:3], rtol=0.0, atol=rounding, err_msg=name)
         assert query(*(part[:0] for part in given), *options).shape == (0,)
 
 

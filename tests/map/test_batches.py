@@ -71,8 +71,8 @@ def test_batches_equal_single_queries(name, seed, outside, number):
     assert space.clearance(q)[chosen[:100]].tolist() == [space.clearance(one) for one in q[chosen[:100]]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
-    slices = space._kernel_map.slice_of[space.rotations._cells_of(q[inside])]
-    assert (space.classify(q)[inside] == space._kernel_map.states[(slices, *cells.T)]).all()
+    slices = space.slice_of[space.rotations.find_cells(q[inside])]
+    assert (space.classify(q)[inside] == space._seen[(slices, *cells.T)]).all()
 
 
 @EVERY_SPACE

@@ -71,7 +71,7 @@ def test_clearance_is_a_close_lower_bound_of_the_distance_to_cells(kind, data, s
     scale = [*states.shape[1:], *[9.0] * (space.size - dim)]
     q = handmade.configurations(space, rng.uniform(-0.3, 1.3, (60, space.size)) * scale)
     draw_near_borders(rng, q, dim)
-    check_bounds(space, q, measure_slice_distances(states, q[:, :dim], space.rotations._cells_of(q)))
+    check_bounds(space, q, measure_slice_distances(states, q[:, :dim], space.rotations.find_cells(q)))
     check = space.clearance_checker()
     assert space.clearance(q).tolist() == [check(*one) for one in q.tolist()] == [space.clearance(one) for one in q]
 

@@ -83,7 +83,7 @@ TINY_BAR = Robot.rectangle(1e-6, 1e-7)
 )
 def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
     cells, shape = Rotations.of(rotations), (4, 3, 2)[: robot.dim]
-    kind, slice_of = "turning any way" if len(cells.names) == 4 else "", cells._slices_for(robot.shape)
+    kind, slice_of = "turning any way" if len(cells.names) == 4 else "", cells.assign_slices(robot.shape)
     workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
     for seed in range(6):
         stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape))

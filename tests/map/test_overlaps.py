@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import Workspace
-from cspace.map.overlaps import Runs, Sums
 from cspace.raster import Raster
 from tests import oracles
 from tests.handmade import map_of
@@ -48,17 +47,8 @@ def test_overlap_count_counts_the_pairs_of_cells(seed, dim, outside):
     assert space.contains_robot(q).tolist() == (expected == len(offsets)).tolist()
 
 
-def test_runs_cover_the_cells_of_a_raster():
-    cells = np.random.default_rng(0).random((3, 4, 5)) < 0.5
-    raster = Raster.from_bitmap(cells, (-2, 7, 1))
-    runs = Runs.of([raster]).rows
-    inside = {(dx, dy, first + k) for dx, dy, first, length in runs.tolist() for k in range(length)}
-    assert inside == {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
-    assert Runs.of([Raster.from_bitmap(np.zeros((2, 2, 2), bool), (0, 0, 0))]).rows.shape == (0, 4)
-
-
-@pytest.mark.parametrize(("count", "dtype"), [(300, np.int16), (32_767, np.int16), (32_768, np.int32)])
-def test_sums_of_long_columns_use_wide_enough_integers(count, dtype):
-    sums = Sums(np.ones((1, 2, count), bool)).counts
-    assert sums.dtype == dtype
-    assert (sums == np.arange(count + 1)).all()
+def test_overlap_count_counts_columns_of_more_cells_than_int16_holds():
+    cells = np.ones((1, 40_000), bool)
+    raster = Raster.from_bitmap(cells, (0, 0))
+    space = map_of(np.zeros(cells.shape), rasters=[(raster, raster)], occupied=cells)
+    assert space.overlap_count([(0.125, 0.125), (0.125, 0.375)]).tolist() == [40_000, 39_999]

@@ -128,7 +128,7 @@ def test_cell_states_are_read_only(space):
 
 
 def test_states_of_another_shape_are_refused(space):
-    states = space._kernel_map.states
+    states = space._seen
     for other in (states[1:], states[..., 1:], states[None], np.concatenate([states, states]), states.astype(int)):
         with pytest.raises(InputError, match="map's shape"):
             handmade.map_in(space.workspace, space.robot, other, space.rotations)

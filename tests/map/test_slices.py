@@ -55,8 +55,8 @@ L_BITMAP = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
 def test_rasters_by_world_symmetry_equal_fresh_rasters(robot, rotations, fresh):
     """Count the rasters; symmetries of the grid give others."""
     assert len(raster_tasks(robot, 0.17, 0.02, rotations)) == fresh
-    rasters, cells = slice_rasters(robot, 0.17, 0.02, rotations), rotations._shape_cells(robot.dim)
-    for number, cell in zip(*np.unique(rotations._slices_for(robot.shape), return_index=True), strict=True):
+    rasters, cells = slice_rasters(robot, 0.17, 0.02, rotations), rotations.make_shape_cells(robot.dim)
+    for number, cell in zip(*np.unique(rotations.assign_slices(robot.shape), return_index=True), strict=True):
         for one, other in zip(rasters[number], robot.rasters(0.17, 0.02, cells[cell]), strict=True):
             # A piece of the boundary with two equally long sides may be cut across either.
             assert len(oracles.raster_offsets(one) ^ oracles.raster_offsets(other)) <= 0.02 * one.count
@@ -88,11 +88,11 @@ def test_sharing_slices_in_space_changes_no_state(monkeypatch):
     robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
     shared = cspace.build(workspace, robot, rotations=turns, counts=True)
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
-    monkeypatch.setattr(type(turns), "_images", Rotations._images)
+    monkeypatch.setattr(type(turns), "find_images", Rotations.find_images)
     alone = cspace.build(workspace, robot, rotations=turns, counts=True)
-    assert (len(shared._kernel_map.states), len(alone._kernel_map.states)) == (8, 32)
+    assert (len(shared._seen), len(alone._seen)) == (8, 32)
     assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
-    assert (shared.overlap_counts[shared._kernel_map.slice_of] == alone.overlap_counts).all()
+    assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
 
 
 @pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
@@ -102,21 +102,21 @@ def test_sharing_slices_in_the_plane_changes_no_state(name, count, monkeypatch):
     workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
     shared = cspace.build(workspace, robot, rotations=count, counts=True)
     if order == 0:
-        assert len(shared._kernel_map.states) == 1
+        assert len(shared._seen) == 1
         assert (shared.cell_states == cspace.build(workspace, robot).cell_states).all()
     elif count % order == 0:
-        assert len(shared._kernel_map.states) == count // order
+        assert len(shared._seen) == count // order
     monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     alone = cspace.build(workspace, robot, rotations=count, counts=True)
-    assert len(alone._kernel_map.states) == count
+    assert len(alone._seen) == count
     assert shared.cell_states.shape == alone.cell_states.shape == (count, 25, 20)
     assert (shared.cell_states == alone.cell_states).all()
-    assert (shared.overlap_counts[shared._kernel_map.slice_of] == alone.overlap_counts).all()
+    assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
     assert shared.count() == alone.count() == tuple(np.bincount(alone.cell_states.ravel(), minlength=3))
 
 
 def test_unequal_rotation_cells_share_slices_only_for_discs():
     boundaries = [0.0, 1.0, math.pi, math.pi + 1.0, TWO_PI]
     cells = Rotations.of(boundaries)
-    assert cells._slices_for(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
-    assert cells._slices_for(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]
+    assert cells.assign_slices(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
+    assert cells.assign_slices(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]

@@ -103,7 +103,7 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         assert compute_length(space, pulled) <= compute_length(space, path) + 1e-9
         shares = np.linspace(0.0, 1.0, 30)[:, None]
         parts = [
-            space.rotations._add_steps(np.repeat(a[None], 30, axis=0), shares * space.rotations._steps_between(a, b))
+            space.rotations.add_steps(np.repeat(a[None], 30, axis=0), shares * space.rotations.steps_between(a, b))
             for a, b in itertools.pairwise(pulled)
         ]
         passed = numbers[tuple(space._cells_of(np.concatenate([*parts, pulled])).T)]
@@ -180,7 +180,7 @@ def test_widest_path_takes_the_wide_passage(name: str) -> None:
     space = build_room(name)
     path = space.find_widest_path(*ENDPOINTS[name])
     assert len(path) > 2 and space.certify_path(path).all()
-    assert np.array_equal(path[[0, -1]], space.rotations._make_canonical(np.array(ENDPOINTS[name])))
+    assert np.array_equal(path[[0, -1]], space.rotations.make_canonical(np.array(ENDPOINTS[name])))
     assert np.array_equal(path, space.find_widest_path(*ENDPOINTS[name]))
     back = space.find_widest_path(*ENDPOINTS[name][::-1], straight=False)
     there = space.find_widest_path(*ENDPOINTS[name], straight=False)

@@ -37,7 +37,7 @@ def test_samples_are_free_and_spread_over_the_free_cells(space: CSpace) -> None:
         drawn.append(read(state))
     draws, dim = np.array(drawn), space.grid.dim
     centers = np.stack(np.meshgrid(*(space.grid.centers(axis) for axis in range(dim)), indexing="ij"), axis=-1)
-    turns, shares = space.rotations.centers.tolist(), space.rotations._volumes / space.rotations._volumes.sum()
+    turns, shares = space.rotations.centers.tolist(), space.rotations.volumes / space.rotations.volumes.sum()
     free = [space.is_free(_with(centers, turn)) for turn in turns]
     weights = np.tensordot(shares, np.array(free, dtype=float), 1)
     for axis in range(dim):

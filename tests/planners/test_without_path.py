@@ -126,7 +126,7 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
     joined = components(states == FREE, kind)
     q0, q1 = draw_edges(space, rng, 40)
     cells = [
-        tuple(np.insert(space.grid.cell_of(q[:, : space.grid.dim]), 0, space.rotations._cells_of(q), axis=1).T)
+        tuple(np.insert(space.grid.cell_of(q[:, : space.grid.dim]), 0, space.rotations.find_cells(q), axis=1).T)
         for q in (q0, q1)
     ]
     for drive in DRIVES if kind == "turning" else DRIVES[:1]:

@@ -34,7 +34,7 @@ def test_interpolation_has_even_speed_along_the_path(dim: int, rotations: Rotati
     lengths = glyph.path_lengths(path)
     assert (np.diff(lengths) >= 0).all()
     stations = glyph.interpolate(path, np.linspace(0.0, 1.0, 7))
-    np.testing.assert_allclose(rotations._steps_between(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
+    np.testing.assert_allclose(rotations.steps_between(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
     # The speed is even, so the path between two stations has the same length.
     assert (np.diff(glyph.path_lengths(stations)) <= lengths[-1] / 6 + 1e-7).all()
 

@@ -15,25 +15,15 @@ from scipy.spatial.transform import Rotation
 import cspace
 import planners
 from cspace import BLOCKED, FREE, CSpace
-from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
+from cspace.arrays import Bools, Floats, Ints
 from cspace.cli.options import parse_configuration, parse_rotation_cells
 from cspace.errors import InputError
 from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
-from cspace.rotations.records import compilable
-from cspace.rotations.yaw import YawCells, YawRotations
+from cspace.rotations.yaw import YawRotations
 from tests.maps import proven_paths
 
 COUNT = 8
-
-
-@compilable
-class PitchCells(YawCells):
-    """Record of pitch cells, which are yaw cells about y."""
-
-    def matrix_of(self, q: Numbers) -> Matrix:
-        cosine, sine = math.cos(q[-1]), math.sin(q[-1])
-        return (cosine, 0.0, sine), (0.0, 1.0, 0.0), (-sine, 0.0, cosine)
 
 
 @dataclass(frozen=True)
@@ -41,9 +31,9 @@ class PitchRotations(YawRotations):
     """Rotation cells of pitch, in space."""
 
     names = ("pitch",)
-    _examples = ("45deg",)
-    _limits = "a pitch small enough"
-    _about_z = False
+    examples = ("45deg",)
+    limits = "a pitch small enough"
+    about_z = False
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "pitch": Coordinate("middle of a cell", "rad", bounds="pitch_bounds"),
         "pitch_bounds": Coordinate("borders of a cell", "rad", {"bound": 2}),
@@ -51,36 +41,33 @@ class PitchRotations(YawRotations):
     }
 
     @classmethod
-    def _of_coordinates(cls, coordinates: Mapping[str, Any]) -> "PitchRotations":
-        return super()._of_coordinates({"yaw_bounds": coordinates["pitch_bounds"]})
+    def of_stored_arrays(cls, coordinates: Mapping[str, Any]) -> "PitchRotations":
+        return super().of_stored_arrays({"yaw_bounds": coordinates["pitch_bounds"]})
 
-    def _yaw_of(self, q: Floats) -> None:
+    def find_yaw(self, q: Floats) -> None:
         return None
 
-    def _from_matrix(self, matrix: Floats) -> Floats:
+    def from_matrix(self, matrix: Floats) -> Floats:
         return np.arctan2(matrix[0, 2:], matrix[0, :1])
 
-    def _preserve(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         return shape.is_round
 
-    def _slices_for(self, shape: Symmetric) -> Ints:
+    def assign_slices(self, shape: Symmetric) -> Ints:
         return np.zeros(len(self), np.int64) if shape.is_round else np.arange(len(self))
 
-    def _images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        return Rotations._images(self, shape)
+    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+        return Rotations.find_images(self, shape)
 
-    def _shape_cells(self, dim: int) -> list[RotationCell]:
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
         return [
             RotationCell(matrix, angle)
-            for matrix, angle in zip(self._matrices(self.centers, dim), self.covering_angles.tolist(), strict=True)
+            for matrix, angle in zip(self.make_matrices(self.centers, dim), self.covering_angles.tolist(), strict=True)
         ]
 
-    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()
         return made.reshape(*rotation.shape[:-1], 3, 3)
-
-    def _compile(self, slice_of: Ints) -> PitchCells:
-        return PitchCells(*super()._compile(slice_of))
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +81,7 @@ def space() -> Iterator[CSpace]:
         patch.setitem(Rotations.KINDS, "pitch", PitchRotations)
         workspace = cspace.Workspace.from_array(occupied, 0.1)
         robot = cspace.Robot.box((0.5, 0.12, 0.06))
-        yield cspace.build(workspace, robot, rotations=PitchRotations._of_value(COUNT))
+        yield cspace.build(workspace, robot, rotations=PitchRotations.of_value(COUNT))
 
 
 def draw(space: CSpace, n: int) -> Floats:
@@ -175,7 +162,7 @@ def test_paths_exist_between_connected_cells(space: CSpace) -> None:
     q = draw(space, 300)
     q = q[space.is_free(q)]
     cells = np.floor(q[:, :3] / 0.1).astype(int)
-    at = np.ravel_multi_index((space.rotations._cells_of(q), *cells.T), states.shape)
+    at = np.ravel_multi_index((space.rotations.find_cells(q), *cells.T), states.shape)
     for k in range(1, len(q)):
         answers.add(answer := proven_paths(space, q[0], q[k]))
         assert answer is not False or labels[1][at[0]] != labels[1][at[k]]
@@ -190,10 +177,3 @@ def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None
     again = cspace.open(tmp_path / "map.zarr")
     assert again.rotations == space.rotations and isinstance(again.rotations, PitchRotations)
     assert np.array_equal(again.classify(q), space.classify(q))
-
-
-def test_exact_queries_use_the_rotation(space: CSpace) -> None:
-    q = draw(space, 1000)
-    q = q[space.classify(q) == cspace.MIXED][:60]
-    free = space.is_free(q, exact=True)
-    assert free.any() and not collides(space, q[free]).any()

@@ -82,14 +82,14 @@ def test_volumes_and_samples_agree_with_uniform_rotations():
     """Test chi-squared at five standard deviations."""
     cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
     drawn = Rotation.random(100_000, random_state=1).as_quat()
-    from_few_cells = Rotations.quaternions(1)._sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
-    assert cells._volumes.sum() == pytest.approx(1.0)
+    from_few_cells = Rotations.quaternions(1).sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
+    assert cells.volumes.sum() == pytest.approx(1.0)
     for q in (drawn, from_few_cells):
-        expected = len(q) * cells._volumes
+        expected = len(q) * cells.volumes
         bins = np.bincount(cells.cell_of(q), minlength=len(cells))
         assert (np.square(bins - expected) / expected).sum() < len(cells) + 5.0 * math.sqrt(2.0 * len(cells))
     chosen = rng.integers(0, len(cells), 5000)
-    np.testing.assert_array_equal(cells.cell_of(cells._sample(chosen, 2.0**-20, rng)), chosen)
+    np.testing.assert_array_equal(cells.cell_of(cells.sample(chosen, 2.0**-20, rng)), chosen)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -101,7 +101,7 @@ def test_neighbors_are_the_cells_across_a_boundary(n):
     here, there = cells.cell_of(q), cells.cell_of(steps / np.linalg.norm(steps, axis=1, keepdims=True))
     pairs, often = np.unique(np.stack([here, there])[:, here != there], axis=1, return_counts=True)
     met = dict(zip(zip(*pairs.tolist(), strict=True), often.tolist(), strict=True))
-    near = {(cell, other) for cell, row in enumerate(cells._neighbors.tolist()) for other in row}
+    near = {(cell, other) for cell, row in enumerate(cells.neighbors.tolist()) for other in row}
     assert near <= set(met)
     # Short steps rarely pass through an edge or a corner.
     assert sum(count for pair, count in met.items() if pair not in near) < 0.1 * sum(met.values())
@@ -118,20 +118,20 @@ def test_neighbors_are_the_cells_across_a_boundary(n):
 )
 def test_cells_share_slices_if_a_half_turn_maps_the_robot_to_itself(robot, axes, slices):
     cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
-    slice_of = cells._slices_for(robot.shape)
+    slice_of = cells.assign_slices(robot.shape)
     assert half_turns(robot.shape) == axes and len(np.unique(slice_of)) == slices
     np.testing.assert_array_equal(np.unique(slice_of), np.arange(slices))
     q = Rotation.random(500, random_state=2)
     for axis in axes:
         turned = q * Rotation.from_rotvec(math.pi * np.eye(3)[axis])
         np.testing.assert_array_equal(slice_of[cells.cell_of(q.as_quat())], slice_of[cells.cell_of(turned.as_quat())])
-    assert [turn.covering_angle for turn in cells._shape_cells(3)] == cells.covering_angles.tolist()
-    matrices = np.array([turn.matrix for turn in cells._shape_cells(3)])
+    assert [turn.covering_angle for turn in cells.make_shape_cells(3)] == cells.covering_angles.tolist()
+    matrices = np.array([turn.matrix for turn in cells.make_shape_cells(3)])
     np.testing.assert_allclose(matrices, Rotation.from_quat(cells.centers).as_matrix(), atol=1e-14)
     one = rng.normal(size=4)
     one /= np.linalg.norm(one)
     angles = (Rotation.from_quat(cells.centers).inv() * Rotation.from_quat(one)).magnitude()
-    assert cells._angles_to_centers(np.array([0.0, 0.0, 0.0, *one])) == pytest.approx(angles)
+    assert cells.angles_to_centers(np.array([0.0, 0.0, 0.0, *one])) == pytest.approx(angles)
 
 
 @pytest.mark.parametrize("n", [0, -1, 65, 2.0, True, "8", None])

@@ -38,16 +38,14 @@ def test_compiled_queries_use_the_cells_of_the_definition(n):
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
     space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (len(cells), 1, 1, 1)), cells, ALL_FREE, 1.0)
     q = np.column_stack([rng.random((4000, 3)), draw_quaternions(cells, rng, 4000)])
-    expected = space._kernel_map.states[cells.cell_of(q[:, 3:]), 0, 0, 0]
+    expected = space._seen[cells.cell_of(q[:, 3:]), 0, 0, 0]
     np.testing.assert_array_equal(space.classify(q), expected)
     np.testing.assert_array_equal(space.classify(q * ([1] * 3 + [-1] * 4)), expected)
     check = space.point_checker()
     assert [check(*one) for one in q[:300].tolist()] == (expected[:300] == FREE).tolist()
     longer = q.copy()
     longer[:, 3:] *= 2.0**-21 + 1.0
-    np.testing.assert_array_equal(
-        space.classify(longer), space._kernel_map.states[cells.cell_of(longer[:, 3:]), 0, 0, 0]
-    )
+    np.testing.assert_array_equal(space.classify(longer), space._seen[cells.cell_of(longer[:, 3:]), 0, 0, 0])
 
 
 @pytest.mark.parametrize("name", [*NAMES, "nearest_free"])
@@ -243,7 +241,7 @@ def test_search_boxes_are_no_larger_than_necessary():
     states[100] = MIXED
     q = np.column_stack([np.full((len(cells), 3), 0.5), cells.centers])
     free = map_of(states, cells, ALL_FREE, 1.0).is_free_around(q, 0.0, 0.05)
-    away = cells._angles_to_centers(q[100])
+    away = cells.angles_to_centers(q[100])
     assert free[away > 2.0 * cells.covering_angles.max() + 0.2].all() and not free[100]
 
 

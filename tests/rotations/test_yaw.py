@@ -22,14 +22,14 @@ def test_a_count_cuts_the_circle_evenly_around_zero(count):
     assert wrapped(cells.centers[:, 0] - TWO_PI / count * np.arange(count)) == pytest.approx(np.zeros(count), abs=1e-12)
     assert (cells.centers[:, 0] >= -math.pi).all() and (cells.centers[:, 0] < math.pi).all()
     assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * ANGLE_SLACK)
-    assert cells._is_uniform()
+    assert cells.is_uniform()
 
 
 def test_cells_share_a_slice_only_if_their_boundaries_are_a_symmetry_apart():
     square, even = Robot.rectangle(1.0, 1.0).shape, np.linspace(0.0, TWO_PI, 9)
     for off, slices in ((1e-15, 2), (5e-12, 2), (2e-11, 8), (1e-6, 8)):
         jittered = even + off * np.array([0, 1, 0, 0, 0, 0, 0, 0, 0])
-        assert len(np.unique(Rotations.of(jittered)._slices_for(square))) == slices
+        assert len(np.unique(Rotations.of(jittered).assign_slices(square))) == slices
 
 
 @given(rotation_cells(20))
@@ -61,7 +61,7 @@ def test_a_yaw_belongs_to_the_cell_between_its_boundaries(value, seed, wraps):
 
 def test_boundaries_converted_from_degrees_are_accepted():
     cells = Rotations.of(np.radians([0, 90, 180, 270, 360]))
-    assert len(cells) == 4 and cells._is_uniform()
+    assert len(cells) == 4 and cells.is_uniform()
     assert cells.cell_of(np.radians([10, 100, 190, 280, 370, -10])).tolist() == [0, 1, 2, 3, 0, 3]
     assert Rotations.of(cells) is cells
 

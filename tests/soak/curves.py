@@ -35,7 +35,7 @@ def check(report: Report, seed: int, edges: int) -> None:
 
     def check_case(tally: Tally, number: int) -> None:
         case, rng = draw_case(seed, number, turning=True), np.random.default_rng([seed, number, 5])
-        if (case.space._kernel_map.states == FREE).any():
+        if (case.space._seen == FREE).any():
             for name in CURVES:
                 if tally.checks[name] < edges * POINTS_PER_EDGE:
                     _check_curves(tally, others, case, name, rng)

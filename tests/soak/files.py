@@ -25,7 +25,8 @@ import numpy as np
 import shapely
 
 import cspace
-from cspace import CspaceError, Robot, Workspace, store
+from cspace import CspaceError, Robot, Workspace
+from cspace.save import write_folder
 
 if TYPE_CHECKING:
     from benchmarks.report import Report
@@ -59,7 +60,7 @@ def write_families(folder: Path) -> dict[str, Path]:
     plane.export(folder / "map.yaml", rotation=0.0)
     for name in ("saved.zarr", "forged.zarr"):
         plane.save(folder / name)
-    cspace.build(plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4)
+    cspace.build(plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4).compute_components()
     zarr.create_array(str(folder / "cells.zarr"), data=cells, chunks=(4, 4), config={"write_empty_chunks": True})
     for suffix in ("png", "bmp", "tif", "jpg"):
         Image.fromarray(np.where(cells, 0, 255).astype(np.uint8)).save(folder / f"image.{suffix}")
@@ -177,10 +178,8 @@ def open_file(path: Path) -> object:
 
     if path.name.startswith("balls"):
         return BallDecomposition.open(path)
-    if path.name.startswith(("saved", "forged")):
-        return cspace.open(path)
-    if path.name == "tiles":
-        return cspace.open(path).is_free(np.random.default_rng(0).random((100, 3)) * (0.6, 0.5, 3.0))
+    if path.name.startswith(("saved", "forged", "tiles")):
+        return _use_map(cspace.open(path))
     if path.name.startswith("robot"):
         return Robot.open(path)
     if path.name.startswith("scene"):
@@ -190,6 +189,13 @@ def open_file(path: Path) -> object:
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
     options = {".yaml": {}, ".bt": {}, ".ot": {}}.get(path.suffix, {"spacing": 0.5})
     return Workspace.open(path, **options).outer
+
+
+def _use_map(space: Any) -> object:
+    """Query an opened map, which must answer if it has opened."""
+    q = np.random.default_rng(0).uniform(-1.0, 2.0, (30, space.size))
+    space.motion_is_free(q[0], q), space.clearance(q), space.is_disconnected(q[0], q)
+    return space.is_free(q[:5], exact=isinstance(space, cspace.CSpace))
 
 
 def mutate(content: bytes, other: bytes, rng: Rng) -> bytes:
@@ -300,31 +306,17 @@ def forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
         reseal(path)
 
 
-def reseal(path: Path, **metadata: Any) -> None:
-    """Recompute the digests of a stored map of one tile."""
-    from numcodecs import Zstd
-
-    root = json.loads((path / "zarr.json").read_bytes())["attributes"]
-    layers, dim = -(-root["slices"] // root["depth"]), len(root["tile"])
-    first = "/".join(["0"] * dim)
-    chunks = [f"cell_states/c/{layer}/{first}" for layer in range(layers)]
-    chunks += [f"outer/c/{first}", f"{'outer' if root['same'] else 'inner'}/c/{first}"]
-    digests = b"".join(
-        store.binary_digest((path / chunk).read_bytes() if (path / chunk).exists() else b"") for chunk in chunks
-    )
-    record = path / "record/c" / first / "0"
-    row = np.frombuffer(Zstd().decode(record.read_bytes()), dtype="<i8").copy()
-    row, own = row[:-4], store.Store(path, {**root, **metadata}, {}, (0, 0, 0))
-    row[-len(digests) // 8 :] = np.frombuffer(digests, dtype="<i8")
-    row = np.concatenate([row, own._digest_row((0,) * dim, row)])
-    encoded = Zstd(store.ZSTD_LEVEL, checksum=True).encode(row)
-    record.write_bytes(encoded)
-    names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
-    tiled = tuple(f"{name}/c/" for name in store.TILED)
-    files = {name: store.hex_digest((path / name).read_bytes()) for name in names if not name.startswith(tiled)}
-    files.pop("zarr.json")
-    sealed = store.seal({**root, "records": store.hex_digest(store.binary_digest(encoded)), **metadata}, files)
-    (path / "zarr.json").write_bytes(store.root_text(sealed))
+def reseal(path: Path, **changes: Any) -> None:
+    """Change attributes of a saved map, and write the digest of what its folder holds now."""
+    attributes = json.loads((path / "zarr.json").read_bytes())["attributes"] | changes
+    del attributes["digest"]
+    names = []
+    for name in attributes.get("arrays", "").split():
+        chunks = [file.relative_to(path) for file in (path / name / "c").rglob("*") if file.is_file()]
+        chunks.sort(key=lambda file: [int(part) for part in file.parts[2:]])
+        names += [f"{name}/zarr.json", *map(str, chunks)]
+    there = [name for name in names if (path / name).is_file()]
+    write_folder(path, attributes, [(name, (path / name).read_bytes()) for name in there])
 
 
 _FORGERS = {"forged.zarr": forge_store}

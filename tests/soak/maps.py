@@ -178,7 +178,7 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     q = centers.copy()
     q[:, :dim] += direction
     if space.rotations.names:
-        turn = space.rotations._cells_of(centers)
+        turn = space.rotations.find_cells(centers)
         q[:, dim:] = _rotations_in_cells(space, turn, np.clip(_draw_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))
     wrong, undecided = find_collisions(case, q)
     tally.add("clearance", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)

@@ -117,7 +117,7 @@ def _save(both: tuple[CSpace, CSpace], path: Path, times: int) -> None:
 
 def _try_open(path: Path, both: tuple[CSpace, CSpace]) -> str:
     try:
-        space = cspace.open(path, in_memory=True)  # reads all parts
+        space: Any = cspace.open(path)
     except CspaceError:
         return "refused" if path.exists() else "absent"
     whole = any(

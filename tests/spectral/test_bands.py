@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from cspace.spectral import BallDescriptor, Bump, Verdict
+from cspace.spectral.bands import Rings, Spectrum, Terms, separate
 from cspace.spectral.bump import pair_integrals
-from cspace.spectral.spectra import Rings, Spectrum, Terms, norm_square, separate
+from cspace.spectral.pairs import norm_square
 
 pytest.importorskip("finufft")
 
@@ -152,7 +153,7 @@ def test_norm_square_does_not_depend_on_the_batch_size(monkeypatch: pytest.Monke
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
-    monkeypatch.setattr("cspace.spectral.spectra.BALLS_PER_BATCH", 7)
+    monkeypatch.setattr("cspace.spectral.pairs.BALLS_PER_BATCH", 7)
     again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 

@@ -148,34 +148,6 @@ def test_balls_bound_plane_shapes(name, kind, limit):
 
 
 @pytest.mark.parametrize("kind", BALL_KINDS)
-@pytest.mark.parametrize("limit", [{"number": 40}, {"part": 0.04}], ids=["number", "tolerance"])
-@pytest.mark.parametrize("name", ["ell", "star with a hole"])
-def test_balls_of_one_radius_bound_plane_shapes(name, kind, limit):
-    shape = FLAT[name]
-    balls = make_balls(shape, diagonal(shape), kind, limit | {"equal_radii": True})
-    assert len(np.unique(balls.radii)) == 1 < len(balls)
-    check_plane(balls, shape, np.random.default_rng(0))
-
-
-@pytest.mark.parametrize("kind", BALL_KINDS)
-def test_balls_of_one_radius_bound_solids(kind):
-    mesh = SOLIDS["box"]
-    balls = make_balls(mesh, float(np.linalg.norm(mesh.extents)), kind, {"part": 0.12, "equal_radii": True})
-    assert len(np.unique(balls.radii)) == 1 < len(balls)
-    check_solid(balls, mesh, np.random.default_rng(0))
-
-
-def test_balls_of_one_radius_cover_lines_and_are_refused_in_thin_shapes():
-    line = decompose(shapely.LineString([(0, 0), (3, 1)]), kind="outer", number=10, equal_radii=True)
-    along = np.linspace(0.0, 1.0, 999)[:, None] * [3.0, 1.0]
-    assert (measure_gaps(along, line) <= 0.0).all() and len(np.unique(line.radii)) == 1
-    with pytest.raises(InputError, match=r"tolerance is 0.1, but no such balls of one radius were found"):
-        decompose(FLAT["needle"], tolerance=0.1, equal_radii=True)
-    with pytest.raises(InputError, match="equal_radii is 1"):
-        decompose(ELL, number=3, equal_radii=1)
-
-
-@pytest.mark.parametrize("kind", BALL_KINDS)
 @pytest.mark.parametrize("name", BITMAPS)
 def test_balls_bound_bitmaps(name, kind):
     cells, lower = BITMAPS[name], (0.3, -2.0)
@@ -209,21 +181,20 @@ def test_balls_bound_random_polygons(vertices, kind, limit, seed):
 
 
 @settings(max_examples=40)
-@example([(0, 0), (1, 0.3), (1, 0.35)], "outer", 0.1 / math.hypot(1.0, 0.35), True, 0)
+@example([(0, 0), (1, 0.3), (1, 0.35)], "outer", 0.1 / math.hypot(1.0, 0.35), 0)
 @given(
     st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=3)
     | st.tuples(st.floats(-1, 1), st.floats(0.003, 0.1)).map(lambda each: [(0, 0), (1, each[0]), (1, sum(each))])
     | stars(),
     st.sampled_from(BALL_KINDS),
     st.floats(0.02, 0.3),
-    st.booleans(),
     seeds,
 )
-def test_balls_meet_the_tolerance(vertices, kind, part, equal_radii, seed):
+def test_balls_meet_the_tolerance(vertices, kind, part, seed):
     shape = shapely.Polygon(vertices)
     assume(shape.is_valid and shape.area > 1e-3 * diagonal(shape) ** 2)
     try:
-        balls = make_balls(shape, diagonal(shape), kind, {"part": part, "equal_radii": equal_radii})
+        balls = make_balls(shape, diagonal(shape), kind, {"part": part})
     except InputError as error:
         assert kind == "inner" and error.argument in {"shape", "tolerance"}
     else:

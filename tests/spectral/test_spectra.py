@@ -72,13 +72,13 @@ def test_radius_basis_replaces_a_thousand_radii(bump, tolerance, counts, lengths
     position, frequencies = draw_lattice(lengths, counts, number=5)
     largest = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
     moduli = np.linspace(0.0, largest, 9)
-    basis = radius_basis(bump, radii, moduli, len(counts), tolerance, alone={2: 30.0, 3: 15.0}[len(counts)])
+    basis = radius_basis(bump, radii, moduli, len(counts), tolerance, max_terms={2: 30, 3: 15}[len(counts)])
     assert basis is not None and len(list(basis)) < 30
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     expected = sum_directly(centers, radii, bump, frequencies)
     whole = spectrum[(0,) * len(counts)].real
     assert np.abs(spectrum[position] - expected).max() <= tolerance * whole
-    assert radius_basis(bump, radii, moduli, len(counts), tolerance, alone=2.0) is None
+    assert radius_basis(bump, radii, moduli, len(counts), tolerance, max_terms=2) is None
 
 
 @settings(max_examples=25)

@@ -1,7 +1,10 @@
 """Tiled builds: equality with the map in memory, interruptions and refusals."""
 
+import json
 import multiprocessing
 import os
+import re
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -9,14 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.store import Store
 from tests.laws.any_map import CAR, MAP_INPUTS
+from tests.soak.files import reseal
 
 
 def random_workspace(shape, seed=0, two=False):
@@ -27,14 +29,30 @@ def random_workspace(shape, seed=0, two=False):
     return cspace.Workspace.from_array(outer, 0.1, lower=rng.uniform(-1, 1, len(shape)), inner=inner)
 
 
-def stored_states(path):
-    """Read all states of a store with Zarr, by slice."""
-    return zarr.open_group(str(path), mode="r")["cell_states"][...]
+def tiles_of(path):
+    """Return the folders of finished tiles by name."""
+    return {entry.name: entry for entry in path.iterdir() if re.fullmatch(r"\d+(\.\d+)+", entry.name)}
 
 
 def check_states(path, space):
-    """Fail unless a store has the states of a map in memory."""
-    np.testing.assert_array_equal(stored_states(path).reshape(space._kernel_map.states.shape), space._kernel_map.states)
+    """Fail unless a tiled map has the states and obstacles of a map in memory."""
+    tiled = cspace.open(path)
+    whole = tiled.window(space.grid.lower, space.grid.upper)
+    np.testing.assert_array_equal(whole.cell_states, space.cell_states)
+    np.testing.assert_array_equal(whole.workspace.outer, space.workspace.outer)
+    np.testing.assert_array_equal(whole.workspace.inner, space.workspace.inner)
+    assert tiled.count() == space.count()
+    for part in tiles_of(path).values():
+        check_tile(part, space)
+
+
+def check_tile(path, space):
+    """Fail unless a tile is a saved map with the states of a part of a map in memory."""
+    part = cspace.open(path)
+    first = np.rint((np.array(part.grid.lower) - space.grid.lower) / space.grid.spacing).astype(int)
+    box = tuple(map(slice, first, first + part.grid.shape))
+    np.testing.assert_array_equal(part.cell_states, space.cell_states[(..., *box)])
+    assert part.outside == "unknown"
 
 
 @pytest.mark.parametrize("name", MAP_INPUTS)
@@ -45,12 +63,7 @@ def test_tiled_build_equals_the_map_in_memory(name, outside, tmp_path):
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=7)
     check_states(tmp_path / "m", space)
-    assert tiled.count() == space.count()
     assert tiled.progress == 1.0
-    group = zarr.open_group(str(tmp_path / "m"), mode="r")
-    np.testing.assert_array_equal(group["outer"][...], workspace.outer)
-    if outside == "free":
-        np.testing.assert_array_equal(group["inner"][...], workspace.inner)
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
@@ -83,20 +96,6 @@ def test_tiled_build_of_a_real_map_keeps_unknown_cells(data, tmp_path):
 # ---- faults ----------------------------------------------------------------------------------------------------------
 
 
-def check_finished_tiles(path, space, known=()):
-    """Check the finished tiles except ``known``; return all finished tiles."""
-    store = Store.open(path)
-    for index in set(store.done()) - set(known):
-        record = store.known(index)
-        for layer in range(store.layers):
-            states = store.states(index, layer, record)
-            cells = store.cells(index)
-            inside = tuple(slice(0, part.stop - part.start) for part in cells)
-            for k, number in enumerate(store.numbers(layer)):
-                np.testing.assert_array_equal(states[(k, *inside)], space._kernel_map.states[(number, *cells)])
-    return set(store.done())
-
-
 def build_in_a_child(workspace, robot, path):
     cspace.build(workspace, robot, rotations=8, store=path, tile=64, workers=2)
 
@@ -105,16 +104,15 @@ def build_in_a_child(workspace, robot, path):
 def test_killed_builds_resume_without_rebuilding_tiles(tmp_path):
     workspace = random_workspace((900, 800))
     space = cspace.build(workspace, CAR, rotations=8)
-    rng, path, kills, done, longest = np.random.default_rng(0), tmp_path / "m", 0, set(), 0.08
+    rng, path, done, longest = np.random.default_rng(0), tmp_path / "m", set(), 0.08
     context = multiprocessing.get_context("fork")
     times = {}
-    while kills < 20:
+    for _ in range(20):
         child = context.Process(target=build_in_a_child, args=(workspace, CAR, path))
         child.start()
         time.sleep(rng.uniform(0.0, longest))
         os.kill(child.pid, signal.SIGKILL)
         child.join()
-        kills += 1
         longest = min(1.5 * longest, 0.4)  # grows on a slow machine until a tile is finished
         if not path.exists():
             continue
@@ -122,20 +120,19 @@ def test_killed_builds_resume_without_rebuilding_tiles(tmp_path):
         if tiled.progress < 1.0:
             with pytest.raises(FileError, match="done"):
                 tiled.classify([0.0, 0.0, 0.0])
-        now = check_finished_tiles(path, space, done)
-        assert done <= now
+        now = tiles_of(path)
+        for name in set(now) - done:
+            check_tile(now[name], space)
+        assert done <= set(now)
         longest *= 0.5 if len(now) > len(done) else 1.0
-        done = now
-        for index in done:
-            file = path / "record" / "c" / "/".join(map(str, (*index, 0)))
-            assert times.setdefault(index, file.stat().st_mtime_ns) == file.stat().st_mtime_ns
+        done = set(now)
+        for name, part in now.items():
+            assert times.setdefault(name, part.stat().st_ino) == part.stat().st_ino
     assert done
-    steps = []
-    cspace.build(workspace, CAR, rotations=8, store=path, tile=64, progress=lambda *step: steps.append(step))
+    cspace.build(workspace, CAR, rotations=8, store=path, tile=64)
     check_states(path, space)
-    for index, written in times.items():
-        file = path / "record" / "c" / "/".join(map(str, (*index, 0)))
-        assert file.stat().st_mtime_ns == written
+    for name, part in tiles_of(path).items():
+        assert times.get(name, part.stat().st_ino) == part.stat().st_ino
     assert not list(path.rglob(".cspace-*"))
 
 
@@ -145,7 +142,7 @@ def test_build_resumes_after_a_full_disk(tmp_path, monkeypatch):
 
     def full(self, content):
         written.append(self)
-        if len(written) > 30:
+        if len(written) > 60:
             plain(self, content[: len(content) // 2])
             raise OSError(28, "No space left on device")
         return plain(self, content)
@@ -155,10 +152,101 @@ def test_build_resumes_after_a_full_disk(tmp_path, monkeypatch):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
     monkeypatch.undo()
     space = cspace.build(workspace, CAR)
-    check_finished_tiles(tmp_path / "m", space)
+    assert tiles_of(tmp_path / "m")
+    for part in tiles_of(tmp_path / "m").values():
+        check_tile(part, space)
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
     check_states(tmp_path / "m", space)
+
+
+# ---- damaged and forged folders --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("built")
+    workspace = random_workspace((20, 17))
+    for name, robot in (("m", CAR), ("other", cspace.Robot.disc(0.01))):
+        cspace.build(workspace, robot, rotations=4, store=folder / name, tile=8)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["zarr.json", "slice_of/zarr.json", "slice_of/c/0", "exterior/c/0/0"])
+@pytest.mark.parametrize("change", ["flip", "cut", "remove"])
+def test_damaged_shared_files_are_refused_by_open(built, tmp_path, name, change):
+    path = shutil.copytree(built / "m", tmp_path / "m")
+    damage(path / name, change)
+    with pytest.raises(FileError):
+        cspace.open(path)
+
+
+@pytest.mark.parametrize("name", ["0.1/zarr.json", "0.1/cell_states/c/0/0/0", "0.1/outer/c/0/0"])
+@pytest.mark.parametrize("change", ["flip", "cut", "remove"])
+def test_damaged_tiles_are_refused_by_queries(built, tmp_path, name, change):
+    path = shutil.copytree(built / "m", tmp_path / "m")
+    damage(path / name, change)
+    opened = cspace.open(path)
+    lower = opened.grid.lower
+    assert isinstance(opened.classify([lower[0] + 0.1, lower[1] + 0.1, 0.0]), int)
+    with pytest.raises(FileError):
+        opened.classify([lower[0] + 0.1, lower[1] + 1.2, 0.0])
+
+
+def damage(file, change):
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.unlink()
+    if change != "remove":
+        file.write_bytes(content if change == "flip" else content[: len(content) // 2])
+
+
+@pytest.mark.parametrize("source", ["m/1.1", "other/0.1"])
+def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
+    path = shutil.copytree(built / "m", tmp_path / "m")
+    shutil.rmtree(path / "0.1")
+    shutil.copytree(built / source, path / "0.1")
+    lower = np.array(cspace.open(path).grid.lower)
+    with pytest.raises(FileError, match="not the tile that the map was completed with"):
+        cspace.open(path).classify([lower[0] + 0.1, lower[1] + 1.2, 0.0])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"tiles": None},
+        {"tiles": {"shape": [20]}},
+        {"tiles": {"shape": [20, 0]}},
+        {"tiles": {"shape": [20, "b"]}},
+        {"tiles": {"shape": None}},
+        {"tiles": {"side": [8, 0]}},
+        {"tiles": {"side": [-8, -8]}},
+        {"tiles": {"side": [8, 8, 8]}},
+        {"tiles": {"side": 8}},
+        {"tiles": {"updates": -1}},
+        {"tiles": {"updates": "none"}},
+        {"tiles": {"stamp": 7}},
+        {"sums": 3},
+        {"sums": {"counts": [1, 2]}},
+        {"sums": {"counts": [1, 2, 3]}},
+        {"sums": {"counts": [-1, 1, 1360]}},
+        {"sums": {"digests": ["0" * 64]}},
+        {"sums": {"digests": 9}},
+        {"arrays": "cell_states outer slice_of x y yaw yaw_bounds covering_angle shapes"},
+        {"inner": "no"},
+        {"format_version": 5},
+        {"format": "cspace-map-of-maps"},
+    ],
+    ids=str,
+)
+def test_forged_attributes_are_refused_by_open(built, tmp_path, change):
+    path = shutil.copytree(built / "m", tmp_path / "m")
+    attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
+    for name, value in change.items():
+        attributes[name] = {**attributes[name], **value} if isinstance(value, dict) else value
+    reseal(path, **attributes)
+    with pytest.raises(FileError):
+        cspace.open(path)
 
 
 # ---- refusals --------------------------------------------------------------------------------------------------------
@@ -171,32 +259,49 @@ def test_build_rejects_invalid_tiles(tile, tmp_path):
     assert not (tmp_path / "m").exists()
 
 
-def test_build_rejects_stores_of_other_maps(tmp_path):
+@pytest.mark.parametrize(
+    "other", [{"margin": 0.1}, {"tile": 3}, {"rotations": 5}, {"outside": "free"}, {"inner": False}], ids=str
+)
+def test_build_rejects_maps_with_other_options(tmp_path, other):
     workspace = random_workspace((9, 9))
-    space = cspace.build(workspace, CAR)
-    space.save(tmp_path / "saved.zarr")
-    assert cspace.build(workspace, CAR, store=tmp_path / "saved.zarr").count() == space.count()
-    with pytest.raises(FileError, match="another map: tile is"):
-        cspace.build(workspace, CAR, store=tmp_path / "saved.zarr", tile=4)
     cspace.build(workspace, CAR, store=tmp_path / "m", tile=4)
-    for other in ({"margin": 0.1}, {"tile": 3}, {"rotations": 5}, {"outside": "free"}, {"inner": False}):
+    with pytest.raises(FileError, match="holds another map"):
+        cspace.build(workspace, CAR, store=tmp_path / "m", **{"tile": 4, **other})
+    cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, method="fft", workers=1)
+
+
+def test_build_rejects_other_obstacles_robots_and_rotations(tmp_path):
+    workspace, turns = random_workspace((9, 9)), [0.0, 1.0, 3.0, 2 * np.pi]
+    cspace.build(workspace, CAR, rotations=turns, store=tmp_path / "m", tile=4)
+    inverted = cspace.Workspace.from_array(~workspace.outer, 0.1, workspace.grid.lower)
+    moved = cspace.Workspace.from_array(workspace.outer, 0.1, np.add(workspace.grid.lower, 0.1))
+    for cells, robot, rotations in (
+        (inverted, CAR, turns),
+        (moved, CAR, turns),
+        (workspace, cspace.Robot.disc(0.1), turns),
+        (workspace, CAR, [0.0, 2.0, 3.0, 2 * np.pi]),
+    ):
         with pytest.raises(FileError, match="holds another map"):
-            cspace.build(workspace, CAR, store=tmp_path / "m", **{"tile": 4, **other})
-    with pytest.raises(FileError, match="built on other obstacles"):
-        inverted = cspace.Workspace.from_array(~workspace.outer, 0.1, workspace.grid.lower)
-        cspace.build(inverted, CAR, store=tmp_path / "m", tile=4)
-    cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 1.0, 3.0, 2 * np.pi])
-    with pytest.raises(FileError, match="another map: rotations"):
-        cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 2.0, 3.0, 2 * np.pi])
+            cspace.build(cells, robot, rotations=rotations, store=tmp_path / "m", tile=4)
+
+
+def test_build_rejects_other_shapes_of_the_same_cells(tmp_path):
     first, other = (
         cspace.Workspace.from_polygons([shapely.box(0.2, 0.2, 0.5 + far, 0.5)], 0.1, (0, 0, 1, 1)) for far in (0, 1e-4)
     )
     assert (first.outer == other.outer).all()
     cspace.build(first, CAR, store=tmp_path / "p", tile=4)
-    with pytest.raises(FileError, match="built on other obstacles"):
+    with pytest.raises(FileError, match="holds another map"):
         cspace.build(other, CAR, store=tmp_path / "p", tile=4)
+
+
+def test_build_rejects_counts_and_folders_that_are_no_tiled_map(tmp_path):
+    workspace = random_workspace((9, 9))
     with pytest.raises(InputError, match="counts"):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, counts=True)
+    cspace.build(workspace, CAR).save(tmp_path / "saved.zarr")
+    with pytest.raises(FileError, match="is no tiled map"):
+        cspace.build(workspace, CAR, store=tmp_path / "saved.zarr", tile=4)
 
 
 def test_build_rejects_tiles_that_exceed_the_memory(tmp_path, monkeypatch):

@@ -66,6 +66,8 @@ def test_window_of_the_whole_map_equals_it(tmp_path):
     )
     np.testing.assert_array_equal(window.classify(q), space.classify(q))
     np.testing.assert_array_equal(window.clearance(q), space.clearance(q))
+    q0, q1 = q.reshape(2, 250, -1)
+    np.testing.assert_array_equal(window.is_disconnected(q0, q1), space.is_disconnected(q0, q1))
 
 
 def test_saved_window_keeps_its_unknown_exterior(tmp_path):
@@ -100,7 +102,7 @@ def test_overview_states_are_proven(name, tmp_path):
         seen = tiled.overview(most)
         assert max(seen.grid.shape) <= most
         factor = round(seen.grid.spacing / space.grid.spacing)
-        states = space._kernel_map.states
+        states = np.stack([space.states_at(turn) for turn in space.slice_rotations])
         sides = [factor * n for n in seen.grid.shape]
         padded = np.full((len(states), *sides), cspace.MIXED, dtype=np.uint8)
         padded[(slice(None), *(slice(0, n) for n in space.grid.shape))] = states
@@ -108,6 +110,7 @@ def test_overview_states_are_proven(name, tmp_path):
         axes = tuple(range(2, pieces.ndim, 2))
         free, blocked = (pieces == cspace.FREE).all(axis=axes), (pieces == cspace.BLOCKED).all(axis=axes)
         expected = np.where(free, cspace.FREE, np.where(blocked, cspace.BLOCKED, cspace.MIXED))
-        np.testing.assert_array_equal(seen._kernel_map.states, expected)
+        ours = np.stack([seen.states_at(turn) for turn in seen.slice_rotations])
+        np.testing.assert_array_equal(ours, expected)
     with pytest.raises(InputError, match="max_cells"):
         tiled.overview(0)

@@ -17,13 +17,13 @@ def test_poses_and_configurations_round_trip(dim: int, cells: object) -> None:
     poses = Poses(dim, rotations)
     assert poses.angles == {0: (), 1: ("yaw",), 4: ("roll", "pitch", "yaw")}[len(rotations.names)]
     for _ in range(20):
-        q = np.concatenate([rng.normal(size=dim), rotations._sample(np.array([0]), 0.0, rng)[0]])
+        q = np.concatenate([rng.normal(size=dim), rotations.sample(np.array([0]), 0.0, rng)[0]])
         degrees = poses.degrees(q)
         assert len(degrees) == len(poses.angles)
         place, wxyz = poses.pose(q)
         assert place.tolist() == [*q[:dim], 0.0][:3]
         for again in (poses.configuration_of(poses.position(q), degrees), poses.nearest_configuration(place, wxyz)):
-            np.testing.assert_allclose(rotations._steps_between(q, again), 0.0, atol=1e-7)
+            np.testing.assert_allclose(rotations.steps_between(q, again), 0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_poses_and_configurations_round_trip(dim: int, cells: object) -> None:
 def test_angles_rotate_about_fixed_axes(degrees: tuple[float, ...], point: object, turned: object) -> None:
     rotations = Rotations.quaternions(1)
     q = Poses(3, rotations).configuration_of((0.0, 0.0, 0.0), degrees)
-    np.testing.assert_allclose(rotations._rotation_matrices(q) @ point, turned, atol=1e-12)
+    np.testing.assert_allclose(rotations.rotation_matrices(q) @ point, turned, atol=1e-12)
 
 
 def test_yaw_robot_keeps_only_the_yaw_of_a_pose() -> None:

@@ -70,7 +70,7 @@ def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
         assert page.page.wait(60.0)
         assert page.page.panel.state.content.startswith("**FREE**")
         np.testing.assert_allclose(node(page, "/robot").position[: space.grid.dim], q[: space.grid.dim])
-    turned = len({int(space.rotations._cells_of(q)) for q in free}) > 1
+    turned = len({int(space.rotations.find_cells(q)) for q in free}) > 1
     assert (canvas.bytes > sent) == turned  # only the rotation changes the cells
     for label in ("obstacle", "undecided (MIXED)"):
         page.page.panel.shown[label].value ^= True
@@ -135,7 +135,7 @@ def test_a_page_shows_plans_and_proofs(viewer: Any) -> None:
     assert "certified" in page.page.panel.answer.content
     assert node(page, "/path")
     page.page.go(1.0)
-    np.testing.assert_allclose(space.rotations._steps_between(page.canvas.robot, goal), 0.0, atol=1e-6)
+    np.testing.assert_allclose(space.rotations.steps_between(page.canvas.robot, goal), 0.0, atol=1e-6)
     page.page.mark("goal", np.array([1e3, *goal[1:]]))
     page.page.search()
     assert page.page.wait(60.0)

@@ -63,12 +63,11 @@ def test_a_saved_map_that_is_replaced_opens_as_the_old_or_the_new_one(tmp_path: 
     def read() -> tuple[Any, ...]:
         space = cspace.open(path)
         assert isinstance(space, cspace.CSpace)
-        return (*space.count(), space.workspace.outer.tobytes(), cspace.open_slice(path, 0.0).tobytes())
+        return (*space.count(), space.workspace.outer.tobytes())
 
     found = read_beside(save_again_and_again, path, read)
     known = [(*space.count(), space.workspace.outer.tobytes()) for space in spaces]
-    slices = [space.states_at(0.0).tobytes() for space in spaces]
-    assert all(row[:-1] in known and row[-1] in slices for row in found)
+    assert found <= {*known}
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")

@@ -1,6 +1,5 @@
-"""Zarr arrays, read like zarr or refused."""
+"""Zarr arrays, read like the zarr package does or refused."""
 
-import gzip
 import json
 import os
 import pickle
@@ -18,18 +17,16 @@ import pytest
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numcodecs import Blosc, GZip, Zstd
-from zarr.codecs import BloscCodec, Crc32cCodec, GzipCodec, ZstdCodec
+from numcodecs import Zstd
+from zarr.codecs import BloscCodec, ZstdCodec
 
 import cspace
-from cspace import CspaceError, FileError, Workspace, store
-from cspace.files.chunks import MAX_CHUNK_BYTES, ZarrArray
+from cspace import CspaceError, FileError, Workspace
+from cspace.files.zarr_folders import MAX_CHUNK_BYTES, ZarrArray
 from tests.refusals import refusals
 from tests.soak import files as soak
 
 FILLED = {"write_empty_chunks": True}
-CODECS_V3 = [[], [ZstdCodec()], [GzipCodec()], [BloscCodec()], [ZstdCodec(), Crc32cCodec()], [Crc32cCodec()]]
-CODECS_V2 = [None, Zstd(), GZip(), Blosc()]
 
 HUGE = 2**26
 ENOUGH = 2**23
@@ -86,20 +83,15 @@ def change_json(file: Path, **values: Any) -> None:
 # ---- reading -----------------------------------------------------------------------------------------------------
 
 
-@given(data=st.data(), dim=st.integers(1, 3), version=st.sampled_from([2, 3]))
+@given(data=st.data(), dim=st.integers(1, 3), compressed=st.booleans())
 @settings(max_examples=60)
-def test_boxes_agree_with_zarr(data: st.DataObject, dim: int, version: int, tmp_path_factory: Any) -> None:
+def test_boxes_agree_with_zarr(data: st.DataObject, dim: int, compressed: bool, tmp_path_factory: Any) -> None:
     shape, chunks = (tuple(data.draw(st.lists(st.integers(1, 9), min_size=dim, max_size=dim))) for _ in range(2))
-    dtype = data.draw(st.sampled_from(["?", "i1", "u1", "<i4", ">u2", "f4", ">f8", "i8"]))
+    dtype = data.draw(st.sampled_from(["?", "i1", "u1", "<i4", "<u2", "f4", "f8", "i8"]))
     values = np.random.default_rng(0).integers(0, 2, shape).astype(dtype)
-    options: dict[str, Any] = {"compressors": data.draw(st.sampled_from(CODECS_V3 if version == 3 else CODECS_V2))}
-    if version == 2:
-        options |= {"order": data.draw(st.sampled_from("CF")), "zarr_format": 2}
-    encoding = {"name": data.draw(st.sampled_from(["default", "v2"])), "separator": data.draw(st.sampled_from("./"))}
-    options |= {"chunk_key_encoding": {"name": "v2", "separator": encoding["separator"]} if version == 2 else encoding}
     path = tmp_path_factory.mktemp("array") / "a.zarr"
-    written = zarr.create_array(str(path), shape=shape, chunks=chunks, dtype=dtype, config=FILLED, **options)
-    written[...] = values
+    options: dict[str, Any] = {} if compressed else {"compressors": None}  # by default zstd
+    zarr.create_array(str(path), data=values, chunks=chunks, config=FILLED, **options)
     array = ZarrArray(path)
     box = tuple(
         slice(low, data.draw(st.integers(low + 1, n))) for n in shape for low in [data.draw(st.integers(0, n - 1))]
@@ -107,6 +99,20 @@ def test_boxes_agree_with_zarr(data: st.DataObject, dim: int, version: int, tmp_
     assert (array.shape, array.ndim) == (shape, dim)
     np.testing.assert_array_equal(array[box], zarr.open_array(str(path), mode="r")[box])
     np.testing.assert_array_equal(np.asarray(array), values)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"zarr_format": 2}, {"compressors": BloscCodec()}, {"shards": (20, 20)}, {"dtype": ">i2"}],
+    ids=["version 2", "blosc", "shards", "big-endian"],
+)
+def test_other_encodings_are_left_to_zarr(tmp_path: Path, options: dict[str, Any]) -> None:
+    made = zarr.create_array(tmp_path / "a.zarr", shape=(20, 20), chunks=(10, 10), **{"dtype": "bool", **options})
+    made[...] = np.ones((20, 20), dtype=made.dtype)
+    if "dtype" not in options:
+        with pytest.raises(FileError, match="open it with zarr and pass the array"):
+            make_cells(tmp_path / "a.zarr")
+    assert make_cells(zarr.open_array(tmp_path / "a.zarr", mode="r")).all()
 
 
 def test_zstd_frames_without_a_size_are_read(array: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,25 +129,20 @@ def test_a_pickled_array_is_found_from_another_folder(array: Path, monkeypatch: 
     monkeypatch.chdir("/")
     np.testing.assert_array_equal(pickle.loads(content), np.ones((20, 20)))
     shutil.rmtree(array)
-    with pytest.raises(FileError, match="holds no array"):
+    with pytest.raises(FileError, match="no array"):
         pickle.loads(content)
 
 
 # ---- what is refused ---------------------------------------------------------------------------------------------
 
-ENCODERS: dict[str, tuple[Any, Callable[[bytes], bytes]]] = {
-    "zstd": (ZstdCodec(), Zstd(1).encode),
-    "gzip": (GzipCodec(), lambda content: gzip.compress(content, 1)),
-    "blosc": (BloscCodec(), Blosc("zstd").encode),
-}
-
 
 @pytest.mark.parametrize("size", [99, 101, HUGE])
-@pytest.mark.parametrize("codec", ENCODERS)
-def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(tmp_path: Path, codec: str, size: int) -> None:
-    path, (compressor, encode) = tmp_path / "cells.zarr", ENCODERS[codec]
-    zarr.create_array(str(path), data=np.ones((10, 10), bool), chunks=(10, 10), compressors=compressor)
-    (path / "c/0/0").write_bytes(encode(bytes(size)))
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(tmp_path: Path, compressed: bool, size: int) -> None:
+    path = tmp_path / "cells.zarr"
+    compressors = ZstdCodec() if compressed else None
+    zarr.create_array(str(path), data=np.ones((10, 10), bool), chunks=(10, 10), compressors=compressors)
+    (path / "c/0/0").write_bytes(Zstd(1).encode(bytes(size)) if compressed else bytes(min(size, 2**20)))
     check_refused(lambda: make_cells(path), "unpacks to")
 
 
@@ -151,15 +152,6 @@ def test_zstd_frames_without_a_size_unpack_to_the_size_of_the_array(array: Path,
     headers = [struct.pack("<I", (start == len(blocks) - 1) | 1 << 1 | n << 3)[:3] for start, n in enumerate(blocks)]
     (array / "c/0/0").write_bytes(b"\x28\xb5\x2f\xfd\x00\x58" + b"".join(header + b"\1" for header in headers))
     check_refused(lambda: make_cells(array), "cannot be read as a Zarr array")
-
-
-def test_a_blosc_chunk_that_declares_more_bytes_than_there_are_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "cells.zarr"
-    zarr.create_array(str(path), data=np.ones((10, 10), bool), chunks=(10, 10), compressors=BloscCodec())
-    content = bytearray((path / "c/0/0").read_bytes())
-    content[12:16] = struct.pack("<I", 2**30)
-    (path / "c/0/0").write_bytes(content)
-    check_refused(lambda: make_cells(path), "declares 1073741824")
 
 
 @pytest.mark.parametrize("content", [b"", b"\0", b"no such thing", Zstd().encode(bytes(100))[:-1]])
@@ -185,8 +177,8 @@ def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
 
 @refusals(
     "values, message",
-    ({"codecs": [{"name": "bytes"}, {"name": "of_a_plug_in"}]}, "encoded with of_a_plug_in"),
-    ({"codecs": [{"name": "bytes"}, {"name": "zstd"}, {"name": "gzip"}]}, "encoded with zstd, gzip"),
+    ({"codecs": [{"name": "bytes"}, {"name": "of_a_plug_in"}]}, "encoded with bytes, of_a_plug_in"),
+    ({"codecs": [{"name": "bytes"}, {"name": "zstd"}, {"name": "gzip"}]}, "encoded with bytes, zstd, gzip"),
     ({"codecs": [{"name": "of_a_plug_in"}]}, "encoded with of_a_plug_in"),
     ({"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2**14, 2**14 + 1]}}}, "at most"),
     ({"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [0, 1]}}}, "above zero"),
@@ -223,25 +215,6 @@ def test_pipes_and_devices_in_a_folder_are_refused(
     check_refused(lambda: make_cells(path) if path == array else cspace.open(path), "a device, a pipe or a socket")
 
 
-@pytest.mark.parametrize("link", [False, True], ids=["pipe", "device"])
-@pytest.mark.parametrize("name", ["zarr.json", "slice_of/c/0", "record/c/0/0/0", "cell_states/c/0/0/0"])
-def test_pipes_and_devices_in_a_store_of_tiles_are_refused(tmp_path: Path, name: str, link: bool) -> None:
-    tiled = build_in_tiles(tmp_path)
-    (tmp_path / "m" / name).unlink()
-    (tmp_path / "m" / name).symlink_to("/dev/zero") if link else os.mkfifo(tmp_path / "m" / name)
-    q, _ = [0.5, 2.5], tiled
-
-    def look_up() -> None:
-        cspace.open(tmp_path / "m").is_free(q)
-
-    check_refused(look_up, "a device, a pipe or a socket|slice_of")
-
-
-def build_in_tiles(folder: Path) -> cspace.TiledCSpace:
-    workspace = Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-    return cspace.build(workspace, cspace.Robot.disc(0.2), store=folder / "m", tile=30)
-
-
 def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(tmp_path: Path, space: cspace.CSpace) -> None:
     path = tmp_path / "map"
     space.save(path)
@@ -249,39 +222,8 @@ def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(tmp_path
     check_refused(lambda: cspace.open(path), "unpacks to 67108864 bytes but 900 are needed")
 
 
-@pytest.mark.parametrize("name", ["record/c/0/0/0", "cell_states/c/0/0/0", "outer/c/0/0"])
-def test_a_forged_chunk_of_a_store_of_tiles_is_refused_before_it_is_unpacked(tmp_path: Path, name: str) -> None:
-    tiled = build_in_tiles(tmp_path)
-    (tmp_path / "m" / name).write_bytes(Zstd(1).encode(bytes(HUGE)))
-
-    def look_up() -> None:
-        opened = cspace.open(tmp_path / "m")
-        opened.is_free([0.5, 2.5])
-        opened.window(tiled.grid.lower, tiled.grid.upper)
-
-    check_refused(look_up, "unpacks to 67108864 bytes|differs from its digest")
-
-
-@pytest.mark.parametrize("name", ["/etc/passwd", "../outside", "x/../../outside"])
-def test_a_saved_map_reads_no_file_outside_its_folder(tmp_path: Path, space: cspace.CSpace, name: str) -> None:
-    path = tmp_path / "map"
-    space.save(path)
-    root = json.loads((path / "zarr.json").read_text())["attributes"]
-    digests = dict(entry.rsplit(":", 1) for entry in root["digests"].split()) | {name: "0"}
-    (path / "zarr.json").write_bytes(store.root_text(store.seal(root, digests)))
-    check_refused(lambda: cspace.open(path, in_memory=False), "names a file|which no map does")
-
-
-@pytest.mark.parametrize("content", [b"{", b"", b'{"shape": [1, 1, 1000000000000]}', b"[" * 10**5])
-def test_damaged_descriptions_of_labels_are_ignored(tmp_path: Path, content: bytes) -> None:
-    build_in_tiles(tmp_path).compute_components()
-    (tmp_path / "m/labels_0/zarr.json").write_bytes(content)
-    assert cspace.open(tmp_path / "m").is_connected([0.5, 2.5], [0.6, 2.5])
-
-
 @pytest.mark.parametrize("content", [b"{", b"", b"[]", b"[" * 10**5, b"\xff"])
-def test_a_folder_with_damaged_metadata_is_refused(tmp_path: Path, content: bytes) -> None:
-    build_in_tiles(tmp_path)
+def test_a_folder_with_damaged_metadata_is_refused(tmp_path: Path, space: cspace.CSpace, content: bytes) -> None:
+    space.save(tmp_path / "m")
     (tmp_path / "m/zarr.json").write_bytes(content)
     check_refused(lambda: cspace.open(tmp_path / "m"), "usable map")
-    shutil.rmtree(tmp_path / "m")

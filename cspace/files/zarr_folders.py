@@ -1,0 +1,270 @@
+"""Arrays in Zarr folders of version 3, written and read chunk by chunk.
+
+This is the part of the format that the zarr package writes by default, and that package reads all of it. It is not
+used here for two reasons: importing it takes 0.3 s of CPU time, and it trusts the folder. A chunk of a few kilobytes
+can declare gigabytes, the metadata can name any installed package as codec, and a missing chunk is read as the fill
+value, which could pass for free space.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numcodecs import Zstd
+from numpy.typing import NDArray
+
+from cspace.arrays import Box, Bytes, intersect_boxes
+from cspace.files.access import ContentError, decoding, inspect_path, read_member
+from cspace.files.plain import read_json
+from cspace.limits import bytes_text
+
+ROOT_FILE: Final = "zarr.json"
+"""Name of the file with the metadata of a folder or an array."""
+
+MAX_CHUNK_BYTES: Final = 2**28
+"""Maximum number of bytes that one chunk may unpack to."""
+
+WRITTEN_CHUNK_BYTES: Final = 2**24
+"""Maximum number of bytes in a chunk that this module writes, unless one row of cells has more."""
+
+ZSTD_LEVEL: Final = 1
+"""Level of zstd; higher levels take more time and save little, or even enlarge slices of rotated robots."""
+
+MISSING_CHUNKS_ATTRIBUTE: Final = "missing_chunks"
+"""Attribute of an array; if it is "fill_value", missing chunks hold the fill value."""
+
+_ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
+_RAW: Final[dict[str, Any]] = {"name": "bytes", "configuration": {"endian": "little"}}
+_ZSTD: Final[dict[str, Any]] = {
+    "name": "zstd",
+    "configuration": {"level": ZSTD_LEVEL, "checksum": False},
+}
+
+_ARRAY_KIND: Final = "Zarr array"
+_ARRAY_RULE: Final = "it must be a folder with one array of booleans, and not a saved map"
+_ARRAY_HINT: Final = "write it with zarr.create_array"
+_CODEC_HINT: Final = "write it with zarr's default codecs, or open it with zarr and pass the array"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Division of an array into chunks.
+
+    Attributes
+    ----------
+    shape, chunks : tuple of int
+        Entries of the array and of a chunk along each axis.
+    dtype : numpy.dtype
+        Booleans, integers or floats, little-endian.
+    compressed : bool
+        True if chunks are compressed by zstd, False if they hold raw bytes.
+    """
+
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+    dtype: np.dtype[Any]
+    compressed: bool
+
+    @classmethod
+    def of(cls, shape: Sequence[int], dtype: str, compressed: bool) -> Layout:
+        """Choose chunks of whole rows, of at most ``WRITTEN_CHUNK_BYTES`` if possible."""
+        chunks = list(shape)
+        for axis in range(len(chunks)):
+            rest = np.dtype(dtype).itemsize * math.prod(chunks[axis + 1 :])
+            chunks[axis] = max(1, min(chunks[axis], WRITTEN_CHUNK_BYTES // rest))
+            if rest <= WRITTEN_CHUNK_BYTES:
+                break
+        return cls(tuple(shape), tuple(chunks), np.dtype(dtype).newbyteorder("<"), compressed)
+
+    @classmethod
+    def parse(cls, metadata: Any) -> Layout:
+        """Parse the metadata of an array.
+
+        Raises ContentError if this module cannot read such an array, and any error if the metadata
+        are malformed.
+        """
+        if (metadata["zarr_format"], metadata.get("node_type")) != (3, "array"):
+            raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
+        raw, *others = metadata["codecs"]
+        names = [str(codec["name"]) for codec in (raw, *others)]
+        endian = raw.get("configuration", {}).get("endian", "little")
+        keys, grid = metadata["chunk_key_encoding"], metadata["chunk_grid"]
+        separator = keys.get("configuration", {}).get("separator", "/")
+        if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
+            problem = f"is encoded with {', '.join(names):.80}"
+            raise ContentError(problem, "chunks may use bytes, then zstd", _CODEC_HINT)
+        if (keys["name"], separator, grid["name"]) != ("default", "/", "regular"):
+            rule = "its chunks must be regular, and named with a slash"
+            raise ContentError("has other chunks than zarr's default", rule, _CODEC_HINT)
+        text = str(metadata["data_type"])
+        if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", text):
+            raise ContentError(f"has entries of type {text:.40}, which cannot be read")
+        shape = _check_counts(metadata["shape"])
+        chunks = _check_counts(grid["configuration"]["chunk_shape"])
+        layout = cls(shape, chunks, np.dtype(text).newbyteorder("<"), len(names) == 2)
+        if len(shape) != len(chunks):
+            raise ContentError(f"has the shape {shape} and chunks of {chunks}")
+        if layout.chunk_bytes > MAX_CHUNK_BYTES:
+            problem = f"has chunks of {bytes_text(layout.chunk_bytes)}"
+            rule = f"a chunk may unpack to at most {bytes_text(MAX_CHUNK_BYTES)}"
+            raise ContentError(problem, rule, "write smaller chunks")
+        return layout
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Number of bytes that a chunk unpacks to."""
+        return math.prod(self.chunks) * self.dtype.itemsize
+
+    @property
+    def nbytes(self) -> int:
+        """Number of bytes of the whole array."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    def describe(self, fill: Any, attributes: Mapping[str, Any], axes: Sequence[str]) -> bytes:
+        """Return the content of the array's metadata file."""
+        special = {"nan": "NaN", "inf": "Infinity"}
+        document = {
+            "zarr_format": 3,
+            "node_type": "array",
+            "shape": self.shape,
+            "data_type": self.dtype.name,
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": self.chunks}},
+            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+            "fill_value": special.get(str(fill), fill),
+            "codecs": [_RAW, _ZSTD] if self.compressed else [_RAW],
+            "attributes": attributes,
+            "dimension_names": axes,
+        }
+        return json.dumps(document, indent=2).encode()
+
+    def iterate_chunks(self, box: Box | None = None) -> Iterator[tuple[str, Box]]:
+        """Yield the file name and the cells of each chunk that meets a box.
+
+        The box defaults to the whole array, and cells are clipped to the array.
+        """
+        box = box or tuple(slice(0, n) for n in self.shape)
+        spans = [range(part.start // side, -(-part.stop // side)) for part, side in zip(box, self.chunks, strict=True)]
+        for index in itertools.product(*spans):
+            parts = zip(index, self.chunks, self.shape, strict=True)
+            cells = tuple(slice(i * side, min((i + 1) * side, n)) for i, side, n in parts)
+            yield f"c/{'/'.join(map(str, index))}", cells
+
+    def encode(self, block: NDArray[Any], fill: Any) -> bytes:
+        """Encode a chunk; one at the end of the array is padded with ``fill``."""
+        if block.shape != self.chunks:
+            whole = np.full(self.chunks, fill, dtype=self.dtype)
+            whole[tuple(slice(0, n) for n in block.shape)] = block
+            block = whole
+        raw = np.ascontiguousarray(block, dtype=self.dtype)
+        return bytes(Zstd(ZSTD_LEVEL).encode(raw)) if self.compressed else raw.tobytes()
+
+    def decode(self, content: bytes) -> NDArray[Any]:
+        """Decode a chunk.
+
+        Raises ContentError if its size differs from the declared one, before it is unpacked, and any
+        error of the decoder if it is damaged.
+        """
+        declared = _zstd_size(content) if self.compressed else len(content)
+        if declared not in (None, self.chunk_bytes):
+            needed = f"{self.chunk_bytes} are needed"
+            raise ContentError(f"has a chunk that unpacks to {declared} bytes but {needed}")
+        raw: Bytes = np.frombuffer(content, dtype=np.uint8)
+        if self.compressed:
+            raw = Zstd().decode(content, out=np.empty(self.chunk_bytes, dtype=np.uint8))
+        return raw.view(self.dtype).reshape(self.chunks)
+
+
+def _zstd_size(content: bytes) -> int | None:
+    """Return the size that the first zstd frame declares.
+
+    Returns None if it declares none; numcodecs then checks that the content fills its buffer.
+    """
+    if content[:4] != _ZSTD_MAGIC:
+        raise ContentError("has a chunk that is not compressed by zstd")
+    descriptor = content[4]
+    single = descriptor >> 5 & 1
+    width = (single, 2, 4, 8)[descriptor >> 6]
+    start = 5 + (1 - single) + (0, 1, 2, 4)[descriptor & 3]
+    declared = int.from_bytes(content[start : start + width], "little")
+    if width == 2:
+        declared += 256
+    return declared if width else None
+
+
+def missing_chunk(name: str) -> ContentError:
+    """Return the error for an array that lacks one or more chunks."""
+    attribute = MISSING_CHUNKS_ATTRIBUTE
+    return ContentError(
+        f"lacks {name}",
+        "a lost chunk would pass for free space",
+        "copy the array again, or write it with zarr.create_array(..., config={'write_empty_chunks': "
+        f'True}}); if missing chunks hold the fill value, set array.attrs["{attribute}"] = "fill_value"',
+    )
+
+
+def _check_counts(numbers: Any) -> tuple[int, ...]:
+    """Return positive whole numbers as a tuple.
+
+    Raises ContentError if a number is not a positive int.
+    """
+    if not all(type(number) is int and number > 0 for number in numbers):
+        problem = f"has the shape {numbers!r:.40}; all sides must be whole numbers above zero"
+        raise ContentError(problem)
+    return tuple(numbers)
+
+
+class ZarrArray:
+    """An array in a Zarr folder that reads chunks when indexed.
+
+    Raises FileError if the folder holds no array, or an array that cannot be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.filename = Path(path).absolute()  # workers have other working folders
+        file = self.filename / ROOT_FILE
+        with decoding(path, _ARRAY_KIND, _ARRAY_RULE, _ARRAY_HINT):
+            if not inspect_path(file, _ARRAY_KIND)[1]:
+                hint = _CODEC_HINT if (self.filename / ".zarray").exists() else _ARRAY_HINT
+                raise ContentError("holds no array of Zarr version 3", _ARRAY_RULE, hint)
+            metadata = read_json(file, _ARRAY_KIND)
+            self._layout = Layout.parse(metadata)
+            self._fill = metadata["fill_value"]
+            declared = (metadata.get("attributes") or {}).get(MISSING_CHUNKS_ATTRIBUTE)
+        self._may_miss_chunks = declared == "fill_value" and isinstance(self._fill, bool | int | float)
+        self.shape, self.dtype = self._layout.shape, self._layout.dtype
+        self.ndim = len(self.shape)
+
+    def __getitem__(self, box: Sequence[slice]) -> NDArray[Any]:
+        """Read the entries in a box.
+
+        Raises FileError if a chunk is missing, damaged, of the wrong size, or not a plain file.
+        """
+        entries = np.empty([part.stop - part.start for part in box], dtype=self.dtype)
+        with decoding(self.filename, _ARRAY_KIND):
+            for name, cells in self._layout.iterate_chunks(tuple(box)):
+                here, there = intersect_boxes(box, cells)
+                content = read_member(self.filename, name, "chunk")
+                if content is not None:
+                    entries[here] = self._layout.decode(content)[there]
+                elif self._may_miss_chunks:
+                    entries[here] = self._fill
+                else:
+                    raise missing_chunk(f"its chunk {name}")
+        return entries
+
+    def __reduce__(self) -> tuple[type[ZarrArray], tuple[Path]]:
+        """Pickle the path, so that each process reads the folder itself."""
+        return ZarrArray, (self.filename,)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Read all entries as a NumPy array."""
+        return np.asarray(self[tuple(slice(0, n) for n in self.shape)], dtype=dtype)

@@ -1,0 +1,251 @@
+"""Bands of frequencies: overlaps summed ring by ring, with bounds of what is left out.
+
+Proofs of overlaps sum the terms of two spectra from the lowest frequency, and bound the remainder. Norms come from the
+overlaps of pairs of balls.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.arrays import Bytes, Floats, Ints
+from cspace.compiling import allocating, kernel
+from cspace.spectral.bump import sphere_measure
+from cspace.spectral.descriptors import PLACEMENT_ROUNDING, BallDescriptor
+from cspace.spectral.spectra import Complexes, ball_spectrum
+from cspace.spectral.trees import HIT, MISS, UNDECIDED
+
+ROUNDING_UNIT: Final = 2.0**-52
+"""Twice the relative rounding error of one operation."""
+
+MAX_CYCLES_PER_RADIUS: Final = 32.0
+"""Highest frequency considered for a band, cycles per radius of the smallest ball."""
+
+BOUND_ROUNDING: Final = 1.0 + 2.0**-30
+"""Factor that covers the rounding of the bounds themselves."""
+
+
+def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
+    """Estimate the frequency, cycles per metre, with ``bound`` left above it.
+
+    Above the frequencies of the gaps between balls, their energies add up: the energy of a set is the sum of the
+    energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
+    """
+    k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, 4096)
+    energy = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)(k) ** 2 * sphere_measure(k, a.dim)
+    above = np.cumsum(energy[::-1])[::-1] * k[1]
+    all_radii = np.concatenate([a.radii, b.radii])
+    frequencies = np.geomspace(0.1 / all_radii.max(), MAX_CYCLES_PER_RADIUS / all_radii.min(), 400)
+    tails = [
+        sum(
+            count * radius**a.dim * np.interp(radius * frequencies, k, above)
+            for radius, count in zip(*np.unique(balls.radii, return_counts=True), strict=True)
+        )
+        for balls in (a, b)
+    ]
+    is_enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
+    return float(frequencies[np.argmax(is_enough)] if is_enough.any() else frequencies[-1])
+
+
+class Rings(NamedTuple):
+    """Frequencies ``k / lengths``, ``|k| <= halves``, in rings of similar moduli.
+
+    Descriptors are real, so opposite frequencies have conjugate terms; only frequency zero and the frequencies whose
+    first non-zero entry is positive are stored. ``lengths`` are the periods, metres. ``indices``, shape (n, d), are k,
+    ``moduli`` are ``|w|`` in cycles per metre, and ``twice`` is 1 for frequency zero and 2 for the others, all in ring
+    order. Ring r starts at ``starts[r]``; the first one is frequency zero alone. ``reaches``, shape (rings, d), are the
+    largest moduli of k along the axes up to a ring.
+    """
+
+    lengths: Floats
+    halves: tuple[int, ...]
+    indices: NDArray[np.int16]
+    moduli: Floats
+    twice: Floats
+    starts: Ints
+    reaches: Ints
+
+    @classmethod
+    def of(cls, lengths: Floats, halves: tuple[int, ...]) -> Rings:
+        """Build rings, each one cycle wide in the longest period."""
+        axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
+        box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
+        half = box[len(box) // 2 :]
+        moduli = np.linalg.norm(half / lengths, axis=1)
+        ring = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
+        order = np.argsort(ring.astype(np.min_scalar_type(ring.max())), kind="stable")  # short integers sort faster
+        counts = np.bincount(ring)
+        starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
+        indices = np.ascontiguousarray(half[order])
+        reaches = np.maximum.accumulate(np.maximum.reduceat(np.abs(indices), starts[:-1], axis=0), axis=0)
+        twice = np.where(np.arange(len(order)) > 0, 2.0, 1.0)
+        return cls(lengths, halves, indices, moduli[order], twice, starts, reaches.astype(np.int64))
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of frequencies along each axis, both halves, so odd."""
+        return tuple(2 * half + 1 for half in self.halves)
+
+    @property
+    def volume(self) -> float:
+        """Volume of a period, metres to the power ``dim``."""
+        return float(np.prod(self.lengths))
+
+    def sums(self, values: Floats) -> Floats:
+        """Sum values, in ring order, over each ring."""
+        return np.asarray(np.add.reduceat(values, self.starts[:-1]))
+
+    def to_rings(self, box: Complexes) -> Complexes:
+        """Convert a spectrum from numpy's order to ring order."""
+        return box.reshape(-1)[self._flat_indices(1)]
+
+    def to_box(self, half: Complexes) -> Complexes:
+        """Convert half a spectrum in ring order to numpy's order."""
+        flat = np.empty(math.prod(self.counts), dtype=np.complex128)
+        flat[self._flat_indices(-1)], flat[self._flat_indices(1)] = half.conj(), half
+        return flat.reshape(self.counts)
+
+    def _flat_indices(self, sign: int) -> Ints:
+        """Return flat indices in numpy's order, or those of opposite frequencies."""
+        columns = sign * self.indices.T.astype(np.int64)
+        return np.asarray(np.ravel_multi_index(tuple(columns), self.counts, mode="wrap"))
+
+
+class Spectrum(NamedTuple):
+    """Band-limited spectrum of a descriptor, about the center of its balls.
+
+    ``values``, in ring order, are in metres to the power ``dim``; ``error`` bounds the error of each.
+    """
+
+    values: Complexes
+    error: float
+
+    @classmethod
+    def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
+        """Compute the spectrum of balls about a point."""
+        box = ball_spectrum(balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
+        moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
+        error = balls.integral * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
+        return cls(rings.to_rings(box), error)
+
+    def tail(self, rings: Rings, norm: tuple[float, float]) -> float:
+        """Return an upper bound of the energy outside the band.
+
+        By Parseval's theorem, that is :func:`norm_square` minus the energy in the band.
+        """
+        moduli, (total, off) = np.abs(self.values), norm
+        inside = float((rings.twice * moduli * (moduli - 2.0 * self.error)).sum()) / rings.volume
+        return max(0.0, total - inside) + off + 2.0**-44 * total
+
+
+class Terms(NamedTuple):
+    """Terms of the overlap, with bounds of partial sums, for kernels.
+
+    ``products`` are ``F_B conj(F_A) / V`` in ring order, doubled for the opposite frequency. ``bounds[r]``, shape
+    (rings + 1,), is the largest difference of the sum of the rings before r from the sum of all frequencies, at any
+    placement: the remaining rings, rounding and the errors of the spectra. The other arrays are those of
+    :class:`Rings`.
+    """
+
+    products: Complexes
+    bounds: Floats
+    indices: NDArray[np.int16]
+    starts: Ints
+    reaches: Ints
+    lengths: Floats
+
+    @classmethod
+    def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
+        """Build the terms of the overlap of A, first, with B.
+
+        Within the band, the sum of the moduli bounds the remaining terms. Outside, ``tail`` does, the product of the
+        two tail norms (Cauchy and Schwarz). ``far``, in metres, bounds the rounding of a placement.
+        """
+        weights = rings.twice / rings.volume
+        products = weights * second.values * first.values.conj()
+        moduli_a, moduli_b = np.abs(first.values), np.abs(second.values)
+        moduli = np.abs(products)
+        errors = weights * (moduli_a * second.error + moduli_b * first.error + first.error * second.error)
+        per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
+        after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
+        # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per term and per ring.
+        counts = np.diff(rings.starts)
+        units = 64.0 + counts + len(counts) + 8.0 * rings.reaches.sum(axis=1)
+        moved = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
+        before = np.cumsum(errors_per_ring + ROUNDING_UNIT * units * per_ring + moved)
+        bounds = BOUND_ROUNDING * (np.append(after, 0.0) + tail + np.append(0.0, before))
+        return cls(products, bounds, rings.indices, rings.starts, rings.reaches, rings.lengths)
+
+
+# ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
+
+
+@kernel
+def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
+    """Write ``exp(2 pi i k share)`` for ``first <= |k| <= last`` to ``phases[center + k]``.
+
+    ``share`` is the placement along an axis, in periods. Each factor is computed on its own, so that errors do not
+    accumulate.
+    """
+    center = len(phases) // 2
+    for k in range(first, last + 1):
+        turns = k * share
+        angle = 2.0 * math.pi * (turns - round(turns))
+        value = complex(math.cos(angle), math.sin(angle))
+        phases[center + k] = value
+        phases[center - k] = value.conjugate()
+
+
+@kernel
+def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
+    """Sum ``Re(products * exp(2 pi i k.t))`` over frequencies [start, stop).
+
+    ``phases``, shape (d, 2 m + 1), are those of each axis.
+    """
+    products, indices = terms.products, terms.indices
+    center = phases.shape[1] // 2
+    total = 0.0
+    for n in range(start, stop):
+        phase = phases[0, center + indices[n, 0]] * phases[1, center + indices[n, 1]]
+        if len(phases) == 3:
+            phase *= phases[2, center + indices[n, 2]]
+        total += products[n].real * phase.real - products[n].imag * phase.imag
+    return total
+
+
+@kernel
+def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
+    """Sum ring after ring until the sum decides.
+
+    Returns MISS or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of NaN; the number of
+    frequencies; the sum; and its bound. ``placement``, shape (d,), metres, is the center of A relative to the center of
+    B. ``phases`` is scratch of shape (d, 2 m + 1) for the highest frequency m of an axis.
+    """
+    starts, reaches = terms.starts, terms.reaches
+    total = 0.0
+    for ring in range(len(starts) - 1):
+        for axis in range(len(placement)):
+            first = reaches[ring - 1, axis] + 1 if ring > 0 else 0
+            add_phases(placement[axis] / terms.lengths[axis], first, reaches[ring, axis], phases[axis])
+        total += add_terms(terms, phases, starts[ring], starts[ring + 1])
+        bound = terms.bounds[ring + 1]
+        if total + bound < threshold:
+            return MISS, starts[ring + 1], total, bound
+        if total - bound > threshold:
+            return HIT, starts[ring + 1], total, bound
+    return UNDECIDED, starts[-1], total, terms.bounds[-1]
+
+
+@allocating
+def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
+    """Return verdicts, counts, and sums with bounds of :func:`separate`."""
+    number = len(placements)
+    verdicts, counts, sums = np.empty(number, np.uint8), np.empty(number, np.int64), np.empty((number, 2))
+    phases = np.empty((placements.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
+    for n in range(number):
+        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(placements[n], terms, threshold, phases)
+    return verdicts, counts, sums

@@ -1,0 +1,140 @@
+"""Overlap fields: the overlap of a robot's balls with obstacles at the cell centers of a map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.arrays import Floats, Numbers, Row
+from cspace.check import check_finite, check_points
+from cspace.compiling import kernel
+from cspace.errors import InputError
+from cspace.limits import check_memory
+from cspace.map.points import slice_of
+from cspace.map.record import Map
+from cspace.spectral.descriptors import check_same_dim
+from cspace.spectral.overlap import FourierOverlap
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OverlapField:
+    """Overlap of robot and obstacles at the cell centers of a map.
+
+    It is positive if balls meet and grows with the depth, and it is as smooth as the descriptors.
+    It proves nothing; the states of the map do. It stands beside the map: updates of the map leave
+    it as it is, and files of the map do not hold it. ``numpy.save("field.npy", field.values)``
+    keeps it, and ``OverlapField(space, numpy.load("field.npy"))`` brings it back.
+
+    Attributes
+    ----------
+    space : CSpace
+    values : ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates
+        The overlap at each cell center, metres to the power of the dimension; read-only.
+
+    Raises InputError if the values have another shape or type than the map, or are not finite.
+    """
+
+    space: CSpace
+    values: Floats
+
+    def __post_init__(self) -> None:
+        """Check the values, and make them read-only."""
+        values, shape = self.values, _shape_on(self.space)
+        if values.shape != shape or values.dtype != np.float64:
+            problem = f"has shape {values.shape} and type {values.dtype}"
+            rule = f"it must have the map's shape {shape} and type float64"
+            raise InputError("values", problem, rule, "use OverlapField.of", value=values)
+        kept = check_finite(values, "values").view()
+        kept.flags.writeable = False
+        object.__setattr__(self, "values", kept)
+
+    @classmethod
+    def of(cls, space: CSpace, overlap: FourierOverlap) -> OverlapField:
+        """Compute the field of a map.
+
+        If the robot rotates, a slice has the values at the representative of its first rotation
+        cell. ``overlap`` is between the balls of the robot, in the robot's frame, and the balls of
+        the obstacles, in the map's frame. Grown balls, such as those of
+        :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
+
+        Raises InputError if ``overlap`` is no FourierOverlap, has another dimension than the map,
+        or memory is too small. Raises MissingPackageError if finufft is not installed.
+        """
+        argument: object = overlap
+        if not isinstance(argument, FourierOverlap):
+            problem = f"is a {type(argument).__name__}"
+            rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
+            raise InputError("overlap", problem, rule, hint, value=argument)
+        grid, slices = space.grid, space.slice_of
+        check_same_dim("overlap", overlap.dim, grid.dim)
+        shape = int(slices.max()) + 1, *grid.shape
+        check_memory(8.0 * math.prod(shape), "the overlap field", grid)
+        axes = [grid.centers(axis) for axis in range(grid.dim)]
+        centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        values = np.empty(shape)
+        rotation_cells = space.rotations.make_shape_cells(grid.dim)
+        for number in range(len(values)):
+            first_cell = int(np.argmax(slices == number))
+            matrix = rotation_cells[first_cell].matrix
+            placed = overlap if matrix is None else overlap.rotated(matrix)
+            values[number] = placed.value(centers)
+        return cls(space, values.reshape(_shape_on(space)))
+
+    @property
+    def cells(self) -> Floats:
+        """Overlap by slice, for kernels, shape (slices, nx, ny(, nz))."""
+        return np.ascontiguousarray(self.values).reshape(-1, *self.space.grid.shape)
+
+    def at(self, q: ArrayLike) -> Floats:
+        """Interpolate the overlap at configurations (..., size), metres and radians.
+
+        The interpolation is linear between cell centers and never negative. Outside the grid it
+        uses the nearest value; rotations use the value of their cell. Raises InputError if the last
+        axis is not as long, or a value is NaN or infinite.
+        """
+        from scipy.ndimage import map_coordinates
+
+        space, grid = self.space, self.space.grid
+        points = check_points(q, "q", space.size)
+        rows = points.reshape(-1, space.size)
+        places = (rows[:, : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
+        slices = space.slice_of[space.rotations.find_cells(rows)]
+        coordinates = np.column_stack([slices, places]).T
+        found = map_coordinates(self.cells, coordinates, order=1, mode="nearest")
+        return np.asarray(np.maximum(found, 0.0).reshape(points.shape[:-1]))[()]
+
+
+def _shape_on(space: CSpace) -> tuple[int, ...]:
+    """Return the shape of a field of the map."""
+    slices = int(space.slice_of.max()) + 1
+    return (*space.rotations.leading_axes(slices), *space.grid.shape)
+
+
+@kernel
+def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
+    """Interpolate a field, given as the values of all cells in a row, in compiled code."""
+    s, total = slice_of(map_, rotation), 0.0
+    for corner in range(8):
+        weight, cell = 1.0, s
+        for axis in range(3):
+            count = map_.states.shape[axis + 1]
+            place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5
+            place = min(max(place, 0.0), count - 1.0)
+            k = min(int(place), max(count - 2, 0))
+            share = place - k
+            if (corner >> axis) & 1:
+                k = min(k + 1, count - 1)
+                weight *= share
+            else:
+                weight *= 1.0 - share
+            cell = cell * count + k
+        if weight > 0.0:
+            total += weight * values[cell]
+    return max(total, 0.0)

@@ -1,0 +1,125 @@
+"""Integrals of products of descriptors, as sums over pairs of balls with bounds of their errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from cspace.arrays import Floats, Ints
+from cspace.spectral.bump import (
+    SAFETY_FACTOR,
+    Bump,
+    chebyshev_coefficients,
+    chebyshev_nodes,
+    pair_integrals,
+    radial_transform,
+)
+from cspace.spectral.descriptors import BallDescriptor
+
+PAIR_TABLE_NODES: Final = 64
+"""Number of distances in a table for pairs of two radii."""
+
+SELF_INTEGRAL_ERROR: Final = 1e-13
+"""Relative error of the integral of the squared bump."""
+
+BALLS_PER_BATCH: Final = 2**8
+"""Number of balls whose neighbors are held in memory at once."""
+
+
+def norm_square(balls: BallDescriptor) -> tuple[float, float]:
+    """Return the integral of a descriptor's square and its error."""
+    # Each ball with itself once, and each pair of different balls twice.
+    square = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
+    value = float(square[0] * (balls.radii**balls.dim).sum())
+    error = SAFETY_FACTOR * SELF_INTEGRAL_ERROR * value
+    for i, j in _touching_pairs(balls):
+        gaps = np.linalg.norm(balls.centers[i] - balls.centers[j], axis=1)
+        values, errors = tabulated_integrals(balls.bump, balls.radii[i], balls.radii[j], gaps, balls.dim)
+        value, error = value + 2.0 * float(values.sum()), error + 2.0 * float(errors.sum())
+    return value, error + 2.0**-52 * (len(balls.radii) + 2) * value
+
+
+def sum_pairs(
+    bump: Bump,
+    moved: Iterable[Floats],
+    radii: Floats,
+    fixed: tuple[Floats, Floats, Floats],
+    slack: float,
+    many: int = PAIR_TABLE_NODES,
+) -> tuple[Floats, Floats]:
+    """Return overlaps as sums over pairs of balls, with error bounds.
+
+    ``moved`` yields the centers (k, d) of the moved balls at each of n placements, whose radii are ``radii``; ``fixed``
+    are the centers, radii and weights of the others. ``slack`` bounds the rounding of a distance, metres. The results
+    have shape (n,). More than ``many`` pairs of equal radii get a table.
+    """
+    centers, other_radii, weights = fixed
+    found, number, dim = [np.empty((5, 0))], 0, centers.shape[1]
+    for placement, points in enumerate(moved):
+        number = placement + 1
+        for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(other_radii) / 2**20)):
+            gaps = np.linalg.norm(points[part, None] - centers, axis=2)
+            i, j = np.nonzero(gaps < radii[part, None] + other_radii + slack)
+            rows = np.full(len(i), placement), radii[part][i], other_radii[j], gaps[i, j], weights[j]
+            found.append(np.stack(rows))
+    rows, first, second, distances, factors = np.concatenate(found, axis=1)
+    values, errors = tabulated_integrals(bump, first, second, distances, dim, many)
+    # The common part of two balls changes by at most a cross-section of the smaller one times a change of distance.
+    edges = {2: 2.0, 3: math.pi}[dim] * np.minimum(first, second) ** (dim - 1)
+    errors += slack * edges + 2.0**-40 * np.abs(values)
+    sums = (factors * values, np.abs(factors) * errors)
+    totals, bounds = (np.bincount(rows.astype(np.int64), each, number).astype(np.float64) for each in sums)
+    return totals, bounds
+
+
+def tabulated_integrals(
+    bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int, many: int = PAIR_TABLE_NODES
+) -> tuple[Floats, Floats]:
+    """Compute many :func:`pair_integrals`; equal radii share a table."""
+    values, errors = np.zeros((2, len(distances)))
+    pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
+    keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)
+    # The integrals of indicators are not smooth in the distance.
+    tabulated = (counts > many) & (not bump.is_indicator)
+    for number in np.flatnonzero(tabulated):
+        (large, small), members = (keys[number].real, keys[number].imag), group == number
+        fit, error = _tabulate_pair(bump, float(large), float(small), dim)
+        values[members] = fit(np.minimum(2.0 * distances[members] / (large + small), 2.0) - 1.0)
+        errors[members] = error
+    few = ~tabulated[group]
+    if few.any():
+        values[few], errors[few] = pair_integrals(bump, first[few], second[few], distances[few], dim)
+    return values, errors
+
+
+def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
+    """Yield batches of pairs of touching balls, larger ones first."""
+    from scipy.spatial import cKDTree
+
+    centers, radii = balls.centers, balls.radii
+    tree, rank = cKDTree(centers), np.empty(len(radii), dtype=np.int64)
+    rank[np.argsort(radii, kind="stable")] = np.arange(len(radii))
+    for batch in np.array_split(np.arange(len(radii)), math.ceil(len(radii) / BALLS_PER_BATCH)):
+        # A smaller ball that touches this one has its center within twice this radius.
+        near = tree.query_ball_point(centers[batch], 2.0 * radii[batch] * (1.0 + 2.0**-40))
+        i = np.repeat(batch, [len(each) for each in near])
+        j = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
+        square = ((centers[i] - centers[j]) ** 2).sum(axis=1)
+        meeting = (rank[j] < rank[i]) & (square <= (radii[i] + radii[j]) ** 2)
+        yield i[meeting], j[meeting]
+
+
+@lru_cache(maxsize=4096)
+def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> tuple[np.polynomial.Chebyshev, float]:
+    """Return integrals as a function of [-1, 1], and their error."""
+    nodes = chebyshev_nodes(PAIR_TABLE_NODES)
+    between = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
+    gaps = 0.5 * (first + second) * (1.0 + np.concatenate([nodes, between]))
+    values, errors = pair_integrals(bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim)
+    fit = np.polynomial.Chebyshev(chebyshev_coefficients(values[:PAIR_TABLE_NODES]))
+    error = float(errors.max()) + SAFETY_FACTOR * float(np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max())
+    return fit, error

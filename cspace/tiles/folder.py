@@ -1,0 +1,332 @@
+"""Folders of tiled maps: a saved map for each tile, and what all tiles share.
+
+A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells and
+the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each tile
+is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of the cells
+around them, clipped to the grid. It is named by its index, such as ``0.3``, and written under another
+name first, so a tile with its name is complete.
+
+A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
+resumes. A complete map knows the digests of its tiles, so it refuses all other tiles.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from cspace.arrays import MIXED, Box, Ints, StrPath
+from cspace.engines.slices import slice_rasters
+from cspace.errors import FileError
+from cspace.files.access import replacing
+from cspace.files.zarr_folders import ROOT_FILE
+from cspace.grid import Grid
+from cspace.map.contents import Contents
+from cspace.map.description import FORMAT, arrays_of, metadata_of
+from cspace.map.exterior import Exterior
+from cspace.map.storage import count_states
+from cspace.raster import Raster
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.save import (
+    TILES_FORMAT,
+    is_map_folder,
+    making_map,
+    map_error,
+    read_map_and_attributes,
+    read_root,
+    write_map,
+)
+from cspace.workspace import Workspace
+
+MIN_HALO_CELLS: Final = 4
+"""Minimum width of the halo of a tile, in cells; proofs of motions and clearances need it."""
+
+MAX_HALO_CELLS: Final = 64
+"""Maximum width of the halo of a tile, in cells."""
+
+TILE_SIDES_PER_HALO: Final = 16
+"""Shortest side of a tile, in widths of its halo; halos then add little to a map."""
+
+Index = tuple[int, ...]
+"""Index of a tile along each axis."""
+
+# Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the last.
+
+ONE_MORE: Final = np.array([[0], [1]])
+"""Makes corners of a first and a last cell."""
+
+
+@dataclass(frozen=True)
+class TileFolder:
+    """The folder of a tiled map at one moment.
+
+    Attributes
+    ----------
+    path : Path
+    about : mapping
+        ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of the
+        workspace; ``updates``, their number.
+    sums : mapping or None
+        Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the ``digests`` of
+        all tiles.
+    frame : Contents
+        Map of the first cell; if all tiles are complete, with the states outside the grid.
+    digest : str
+        Digest of the frame and of all attributes.
+    moment : tuple
+        Changes with every change of the map.
+    """
+
+    path: Path
+    about: Mapping[str, Any]
+    sums: Mapping[str, Any] | None
+    frame: Contents
+    digest: str
+    moment: tuple[int, int]
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Grid of the whole map."""
+        return self.sub_grid(np.array([[0] * len(self.tile), self.about["shape"]]))
+
+    def sub_grid(self, corners: Ints) -> Grid:
+        """Return the grid of a box of cells, inside the whole grid or not."""
+        cell = self.frame.grid
+        lower = np.array(cell.lower) + cell.spacing * corners[0]
+        return Grid(lower, cell.spacing, corners[1] - corners[0], cell.axes, cell.units)
+
+    @property
+    def tile(self) -> tuple[int, ...]:
+        """Number of cells of a tile's interior along each axis."""
+        return tuple(self.about["side"])
+
+    @property
+    def halo(self) -> int:
+        """Width of the halo of a tile, in cells."""
+        width = min(self.tile) // TILE_SIDES_PER_HALO
+        return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, width))
+
+    @property
+    def slices(self) -> int:
+        """Number of slices."""
+        return len(self.frame.states)
+
+    @cached_property
+    def reach(self) -> int:
+        """Number of cells along an axis from which the robot may touch a cell, rounded up."""
+        frame = self.frame
+        radius = np.linalg.norm(np.abs(frame.robot.shape.outer.bounds).max(axis=0))
+        angle = min(frame.rotations.covering_angles.max(), math.pi)
+        # The outer raster is that of a robot whose points move within a rotation cell.
+        far = radius * (1.0 + 2.0 * math.sin(angle / 2.0)) + frame.margin
+        return math.ceil(far / frame.grid.spacing) + 2
+
+    # ---- tiles -----------------------------------------------------------------------------------
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Number of tiles along each axis."""
+        pairs = zip(self.about["shape"], self.tile, strict=True)
+        return tuple(-(-n // side) for n, side in pairs)
+
+    def __iter__(self) -> Iterator[Index]:
+        """Iterate over the indices of all tiles."""
+        return itertools.product(*map(range, self.counts))
+
+    def __len__(self) -> int:
+        """Return the number of tiles."""
+        return math.prod(self.counts)
+
+    def number(self, index: Index) -> int:
+        """Return the position of a tile among all tiles."""
+        return int(np.ravel_multi_index(index, self.counts))
+
+    def interior(self, index: Index) -> Ints:
+        """Return the corners of a tile without its halo."""
+        first = np.multiply(index, self.tile)
+        return self.clip(np.stack([first, first + self.tile]))
+
+    def cells(self, index: Index) -> Ints:
+        """Return the corners of a tile with its halo."""
+        return self.clip(grow(self.interior(index), self.halo))
+
+    def own(self, index: Index) -> Box:
+        """Return the interior of a tile, in the indices of the tile's arrays."""
+        return as_box(self.interior(index) - self.cells(index)[0])
+
+    def clip(self, corners: Ints) -> Ints:
+        """Return the part of a box in the grid."""
+        return np.clip(corners, 0, self.about["shape"])
+
+    def tiles_in(self, corners: Ints) -> Iterator[Index]:
+        """Iterate over the tiles whose interiors meet a box."""
+        first, stop = self.clip(corners)
+        return itertools.product(*map(range, first // self.tile, -(-stop // self.tile)))
+
+    def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[Index, Ints]]:
+        """Yield tiles, and those of some rows of cells that lie in each.
+
+        A cell outside the grid counts to the nearest tile.
+        """
+        last = np.subtract(self.about["shape"], 1)
+        tiles = np.clip(cells[rows], 0, last) // self.tile
+        numbers = np.ravel_multi_index(tuple(tiles.T), self.counts)
+        order = np.argsort(numbers, kind="stable")
+        for part in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
+            if len(part):
+                yield tuple(tiles[part[0]].tolist()), rows[part]
+
+    def tile_path(self, index: Index) -> Path:
+        """Return the folder of a tile, which exists if the tile is complete."""
+        return self.path / ".".join(map(str, index))
+
+    @property
+    def progress(self) -> float:
+        """Fraction of complete tiles, below 1 until all are done."""
+        if self.sums:
+            return 1.0
+        done = sum(self.tile_path(index).exists() for index in self)
+        return min(done / len(self), 1.0 - 2.0**-20)
+
+    def read_tile(self, index: Index) -> Contents:
+        """Read a tile of a complete map, as a map whose outside is unknown.
+
+        Raises FileError if it is missing, damaged, or not the tile that the map was completed with.
+        """
+        path, frame = self.tile_path(index), self.frame
+        tile, about = read_map_and_attributes(path)
+        digest = self.sums["digests"][self.number(index)] if self.sums else ""
+        found = about["digest"], tile.grid, tile.rotations
+        if found != (digest, self.sub_grid(self.cells(index)), frame.rotations):
+            raise map_error(path, "it is not the tile that the map was completed with")
+        with making_map(path):
+            return replace(tile, robot=frame.robot, slice_of=frame.slice_of)
+
+    def write_tile(self, index: Index, contents: Contents) -> None:
+        """Write a tile; its name appears when it is complete."""
+        own = self.own(index)
+        weights = np.bincount(self.frame.slice_of)
+        counts = weights @ count_states(contents.states[(slice(None), *own)])
+        first = tuple(self.interior(index)[0].tolist())
+        occupied = Raster.from_bitmap(contents.workspace.outer[own], first)
+        box = [occupied.lower, occupied.upper] if occupied.count else None
+        with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
+            write_map(contents, temporary, counts=counts.tolist(), obstacles=box)
+
+    # ---- the folder ------------------------------------------------------------------------------
+
+    @classmethod
+    def open(cls, path: StrPath) -> TileFolder:
+        """Open the folder of a tiled map, complete or not; tiles are read later.
+
+        Raises FileError if it is missing or was changed, of another version, or describes no map.
+        """
+        root = Path(path).absolute()  # workers have other working folders
+        moment = find_moment(root)
+        frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
+        with making_map(root):
+            folder = cls(root, attributes["tiles"], attributes["sums"], frame, attributes["digest"], moment)
+            _check_attributes(folder)
+            return folder
+
+    def complete(self) -> TileFolder:
+        """Sum up the tiles and write the sums; return the complete folder."""
+        frame, shape = self.frame, self.grid.shape
+        tiles = [read_root(self.tile_path(index), FORMAT)[0] for index in self]
+        boxes = np.array([tile["obstacles"] for tile in tiles if tile["obstacles"]], dtype=np.int64)
+        box = np.array([[0] * len(shape), [-1] * len(shape)])
+        if len(boxes):
+            box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
+        exterior = Exterior.around(shape, box, rasters, frame.outside)
+        counts = np.sum([tile["counts"] for tile in tiles], axis=0).tolist()
+        sums = {"counts": counts, "digests": [tile["digest"] for tile in tiles]}
+        temporary = self.path / f".cspace-{uuid.uuid4().hex[:12]}"
+        write_root(temporary, replace(frame, exterior=exterior), self.about, sums)
+        with suppress(OSError):  # another build of the map has just written the same
+            (temporary / "exterior").rename(self.path / "exterior")
+        (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
+        for unused in self.path.glob(".cspace-*"):
+            shutil.rmtree(unused, ignore_errors=True)
+        return TileFolder.open(self.path)
+
+
+def grow(corners: Ints, cells: int) -> Ints:
+    """Return a box with more cells on every side."""
+    return np.stack([corners[0] - cells, corners[1] + cells])
+
+
+def as_box(corners: Ints) -> Box:
+    """Return corners, shape (2, d), as slices: the first cell, and the cell after the last one."""
+    return tuple(map(slice, *corners.tolist()))
+
+
+def find_moment(path: Path) -> tuple[int, int]:
+    """Return numbers that change when the attributes of a folder are replaced."""
+    try:
+        status = (path / ROOT_FILE).stat()
+    except OSError:
+        return 0, 0
+    return status.st_ino, status.st_mtime_ns
+
+
+def make_frame(workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any) -> Contents:
+    """Return a map of the first cell of a workspace, with what all tiles share."""
+    whole, slice_of = workspace.grid, rotations.assign_slices(robot.shape)
+    ones = (1,) * whole.dim
+    occupied = np.ones(ones, dtype=np.bool_)
+    grid = Grid(whole.lower, whole.spacing, ones, whole.axes, whole.units)
+    cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
+    states = np.full((int(slice_of.max()) + 1, *ones), MIXED, dtype=np.uint8)
+    return Contents(cell, robot, rotations, slice_of, states, **options)
+
+
+def make_stamp(frame: Contents, *others: Any) -> str:
+    """Return a digest of a frame and of other values, on which a tiled map depends."""
+    # The same map may be built from another file, or by another version.
+    about = {**metadata_of(frame), "workspace_source": "", "library_version": ""}
+    digest = hashlib.sha256(json.dumps([about, *others], sort_keys=True).encode())
+    for array in arrays_of(frame).values():
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def write_root(path: Path, frame: Contents, about: Mapping[str, Any], sums: Mapping[str, Any] | None = None) -> None:
+    """Write what all tiles of a map share into a folder."""
+    write_map(frame, path, format=TILES_FORMAT, tiles=about, sums=sums)
+
+
+def _check_attributes(folder: TileFolder) -> None:
+    """Raise ValueError, or any other error, if attributes make no tiled map."""
+    about, sums, cells = folder.about, folder.sums, folder.grid.size
+    numbers = [*folder.tile, 1 + about["updates"]]
+    if not all(isinstance(n, int) and n > 0 for n in numbers) or len(folder.tile) != folder.grid.dim:
+        raise ValueError(f"its tiles have the sides {folder.tile}")
+    if not isinstance(about["stamp"], str):
+        raise ValueError("its stamp is no text")
+    if sums is None:
+        return
+    free, mixed, blocked = sums["counts"]
+    if free + mixed + blocked != cells * len(folder.frame.slice_of) or min(free, mixed, blocked) < 0:
+        raise ValueError("its counts differ from its number of cells")
+    if len(sums["digests"]) != len(folder) or folder.frame.exterior is None:
+        raise ValueError("it is not complete")
+
+
+def unfinished_map_error(folder: TileFolder) -> FileError:
+    """Return the error for a map with unfinished tiles."""
+    rule, hint = "a map must be complete to be read", "run the same build again to finish it"
+    return FileError(str(folder.path), f"is {folder.progress:.1%} done", rule, hint)

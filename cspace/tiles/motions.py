@@ -1,0 +1,89 @@
+"""Motions cut into pieces that the tiles of a map prove.
+
+**Statement.** *A motion is free if each of its pieces is proven free, by the part of the tile that the
+piece begins in.*
+
+**Proof.** Positions are in cells. The motion leads from p to q, straight in position, while the
+rotation takes the shorter arc. It is cut at evenly spaced parameters 0 = t_0 < t_1 < ... = 1. Piece i
+is the motion between the configurations that are computed for t_i and t_(i+1).
+
+1. *Each point of the motion is near a point of a piece.* A coordinate at t_i is ``p + t (q - p)``,
+   rounded three times. Coordinates are below 2^23 cells, so its error is below 2^-28 cells, and
+   that of its rotation is below 1e-14 rad. A piece and the motion between the same parameters are
+   both straight, so they differ by no more anywhere. It does not matter that t_i is rounded.
+2. *A part proves more than the piece.* It proves that all closed cells within SLACK of the piece
+   are FREE, at all rotations within ANGLE_SLACK, except for the rounding of its look-up. That
+   rounding, that of the part's lower corner, and the error of 1. are together below SLACK, 2^-26
+   cells, and below ANGLE_SLACK, 1e-9 rad.
+3. *The part has those cells.* A piece begins in the interior of its tile, and is shorter than the
+   halo by a cell or more along each axis. So it stays a cell away from the border of the part, except
+   where that is the border of the grid. There, a motion in the closed grid ignores the cells outside,
+   as in memory: the cells in the grid contain it. A motion that leaves the grid is proven by windows
+   that have two more cells on every side of its pieces, or by the frame, which is the map of the
+   space outside, if a piece begins more than a halo outside and so touches no cell of the grid.
+4. *Arcs.* The rotation of a piece is part of that of the motion and less than half a turn, so the
+   shorter arc of the piece follows it. If the motion turns by half a turn, up to rounding, both arcs
+   are the shorter one. Then it is two motions, one along each arc, each in two pieces or more. ∎
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace.arrays import Floats, Ints
+from cspace.grid import Grid
+from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK
+
+HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
+"""Angle of a rotation, in radians, from which on both arcs are tested."""
+
+
+class Pieces(NamedTuple):
+    """Pieces of motions.
+
+    Attributes
+    ----------
+    motions : ndarray of int64, shape (n,)
+        Index of the motion that a piece belongs to.
+    starts, ends : ndarray of float64, shape (n, size)
+    """
+
+    motions: Ints
+    starts: Floats
+    ends: Floats
+
+
+def cut_motions(grid: Grid, rotations: Rotations, longest: float, starts: Floats, ends: Floats) -> Pieces:
+    """Cut motions into pieces of at most ``longest`` cells along each axis.
+
+    Motions lead from ``starts`` to ``ends``, shape (n, size).
+    """
+    dim = grid.dim
+    starts, ends = rotations.make_canonical(starts), rotations.make_canonical(ends)
+    steps = rotations.steps_between(starts, ends)
+    angles = np.linalg.norm(steps[:, dim:], axis=1)
+    half = np.flatnonzero(angles >= HALF_TURN)
+    other_arcs = steps[half].copy()
+    other_arcs[:, dim:] *= (1.0 - 2.0 * math.pi / angles[half])[:, None]
+    # Arcs follow the motions; the second arcs of half turns come last.
+    motions = np.concatenate([np.arange(len(starts)), half])
+    steps = np.concatenate([steps, other_arcs])
+    lengths = np.abs(steps[:, :dim]).max(axis=1) / grid.spacing
+    counts = np.maximum(np.ceil(lengths / longest), 1).astype(np.int64)
+    counts[np.isin(motions, half)] += 1
+    arcs = np.repeat(np.arange(len(motions)), counts)
+    firsts = np.cumsum(counts) - counts
+    number = np.arange(len(arcs)) - firsts[arcs]
+    rows = motions[arcs]
+
+    def configurations_at(cut: Ints) -> Floats:
+        time = (cut / counts[arcs])[:, None]
+        q = rotations.add_steps(starts[rows], steps[arcs] * time)
+        q = np.where(time == 0.0, starts[rows], q)
+        return np.where(time == 1.0, ends[rows], q)
+
+    return Pieces(rows, configurations_at(number), configurations_at(number + 1))

@@ -1,0 +1,45 @@
+"""Overviews of tiled maps: the whole map in coarse cells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cspace.arrays import BLOCKED, FREE, MIXED, reduce_blocks
+from cspace.grid import Grid
+from cspace.map.exterior import UNKNOWN
+from cspace.space import CSpace
+from cspace.tiles.folder import TileFolder, as_box
+from cspace.workspace import Workspace
+
+
+def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
+    """Return a map of at most ``max_cells`` cells along an axis, as a map in memory."""
+    grid = folder.grid
+    factor = max(1, -(-max(grid.shape) // max_cells))
+    shape = tuple(-(-n // factor) for n in grid.shape)
+    lowest = np.full((folder.slices, *shape), BLOCKED, dtype=np.uint8)
+    highest = np.zeros_like(lowest)
+    outer = np.zeros(shape, dtype=np.bool_)
+    for index in folder:
+        tile, own, corners = folder.read_tile(index), folder.own(index), folder.interior(index)
+        # The first coarse cell may begin in the tile before.
+        starts = [np.maximum(np.arange(low - low % factor, high, factor), low) - low for low, high in corners.T]
+        box = as_box(np.stack([corners[0] // factor, -(-corners[1] // factor)]))
+        every, layers = (slice(None), *box), [np.arange(folder.slices), *starts]
+        states = np.asarray(tile.states)[(slice(None), *own)]
+        lowest[every] = np.minimum(lowest[every], reduce_blocks(states, layers, np.minimum))
+        highest[every] = np.maximum(highest[every], reduce_blocks(states, layers))
+        outer[box] |= reduce_blocks(tile.workspace.outer[own], starts)
+    states = np.full(lowest.shape, MIXED, dtype=np.uint8)
+    states[highest == FREE] = FREE
+    states[lowest == BLOCKED] = BLOCKED
+    for axis, n in enumerate(grid.shape):
+        if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
+            np.moveaxis(states, 1 + axis, 0)[-1] = MIXED
+    coarse = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
+    # Obstacles fill no coarse cell for certain, so the inner cells are empty.
+    inner = np.zeros_like(outer) if factor > 1 else outer
+    workspace = Workspace(coarse, outer, inner, source=f"overview of {folder.path.name}")
+    return CSpace(replace(folder.frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None))
