@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -386,28 +386,41 @@ def _search(
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
     add_node(map_, motions, edges.turning_radius, guide, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
-    while nodes.counts[0] < max_nodes:
+    best, last = math.inf, NO_NODE
+    reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
+    # No node that waits can beat a path cheaper than the first key of the queue.
+    while nodes.counts[0] < max_nodes and progress.keys[0] < best:
         node = expand_nodes(map_, motions, edges.turning_radius, guide, nodes, max_nodes)
         check_deadline(until)
         if node == NO_NODE:
-            return np.empty((0, 3)), "the lattice search reached no more nodes"
-        if node >= 0 and is_free(*nodes.poses[node].tolist(), *goal):
-            return _trace(nodes, node, endpoints, edges.turning_radius is None), ""
-    return np.empty((0, 3)), f"the lattice search ended at its limit of {max_nodes:,} nodes"
+            reason = "the lattice search reached no more nodes"
+            break
+        q = nodes.poses[node]
+        if node < 0 or not is_free(*q.tolist(), *goal):
+            continue
+        total = progress.cost[node] + edges.edge_lengths(q[None], np.array([goal]))[0]
+        if total < best:
+            best, last = total, node
+        if motions.greed > 1.0:  # its remaining costs are no lower bounds anyway
+            break
+    if last == NO_NODE:
+        return np.empty((0, 3)), reason
+    return _trace(nodes, last, endpoints, edges.turning_radius is None), ""
 
 
 def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
     """Return the path by a node, shape (n, 3); drives along one heading are merged if `merges`."""
-    rows = [endpoints[1]]
+    rows: list[Sequence[float]] = []
     while node != NO_NODE:
-        rows.append(tuple(nodes.poses[node].tolist()))
+        rows.append(nodes.poses[node].tolist())
         node = int(nodes.progress.previous[node])
     path: Floats = np.array(rows[::-1])
-    path = path[np.append((path[1:] != path[:-1]).any(axis=1), True)]
-    if merges:
+    if merges and len(path) > 2:
         turns = np.diff(path[:, 2]) != 0.0
         path = path[np.concatenate([[True], turns[:-1] | turns[1:], [True]])]
-    return path
+    # The edge to the goal may lead in any direction.
+    path = np.vstack([path, endpoints[1]])
+    return path[np.append((path[1:] != path[:-1]).any(axis=1), True)]
 
 
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
