@@ -434,12 +434,14 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
         first, last = np.reshape(q, (2, 1, 3))
         return float(edges.edge_lengths(first, last)[0]) + COST_PER_EDGE
 
-    shorter = _skip_waypoints(edges, path, is_free, until)
+    paths = [path, _skip_waypoints(edges, path, is_free, until)]
     # A part of a curve need not be a shortest curve.
     if edges.turning_radius is None and clock() < until:
-        shorter = pulled_straight(shorter, edges.space.rotations, is_free, measure)
-    shorter = edges.remove_turns(shorter)
-    return shorter if edges.are_free(shorter) else path  # rounding may make a part of an edge fail
+        paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
+    # Cutting a corner may add turns, and rounding may make a part of an edge fail.
+    paths += [edges.remove_turns(each) for each in paths]
+    paths.sort(key=lambda each: float(edges.edge_lengths(each[:-1], each[1:]).sum()))
+    return next((each for each in paths if edges.are_free(each)), path)
 
 
 def _skip_waypoints(edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool], until: float) -> Floats:
