@@ -391,6 +391,8 @@ def _search(
     # No node that waits can beat a path cheaper than the first key of the queue.
     while nodes.counts[0] < max_nodes and progress.keys[0] < best:
         node = expand_nodes(map_, motions, edges.turning_radius, guide, nodes, max_nodes)
+        if last != NO_NODE and clock() > until:
+            break
         check_deadline(until)
         if node == NO_NODE:
             reason = "the lattice search reached no more nodes"
@@ -420,7 +422,9 @@ def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Float
         path = path[np.concatenate([[True], turns[:-1] | turns[1:], [True]])]
     # The edge to the goal may lead in any direction.
     path = np.vstack([path, endpoints[1]])
-    return path[np.append((path[1:] != path[:-1]).any(axis=1), True)]
+    moves = np.append((path[1:] != path[:-1]).any(axis=1), True)
+    kept: Floats = path[moves]
+    return kept
 
 
 def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
