@@ -1010,6 +1010,11 @@ class CSpace(ConfigurationMap, MapExport):
         exterior_blocked = self.outside != "free"
         return Problem(self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked)
 
+    @property
+    def _is_labelled(self) -> bool:
+        """Whether the components are known."""
+        return "_components" in vars(self)
+
     @derived
     def _components(self) -> Components:
         """Connected components of the map."""

@@ -71,8 +71,6 @@ def prove_length(
     curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may drive any one.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
-    if is_swapped(kind, q0, q1):
-        q0, q1 = q1, q0
     steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
     count, gap = find_shortest_words(kind, radius, (q0, q1), TIE_TOLERANCE, steering, lengths)
     if not gap <= MAX_GAP:
@@ -163,10 +161,7 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
 def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
     """Return the shortest word's steering, lengths and gap."""
     steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
-    swapped = is_swapped(kind, q0, q1)
-    _, gap = find_shortest_words(kind, radius, (q1, q0) if swapped else (q0, q1), -math.inf, steering, lengths)
-    if swapped:
-        reverse(steering[0], lengths[0])
+    _, gap = find_shortest_words(kind, radius, (q0, q1), -math.inf, steering, lengths)
     return steering[0], lengths[0], gap
 
 
@@ -176,17 +171,6 @@ def reverse(steering: Ints, lengths: Floats) -> None:
     for k in range(3):
         steering[k], steering[4 - k] = steering[4 - k], steering[k]
         lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
-
-
-@kernel
-def is_swapped(kind: int, q0: Pose, q1: Pose) -> bool:
-    """Return True if a curve is computed from its end.
-
-    It is then reversed. So the curves of a car that reverses are the same both ways, even if several are equally short.
-    """
-    if kind == DUBINS or q0[0] < q1[0]:
-        return False
-    return q1[0] < q0[0] or q1[1] < q0[1] or (q1[1] == q0[1] and q1[2] < q0[2])
 
 
 @allocating
@@ -366,3 +350,13 @@ def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Le
         t = _around(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
         return (1, -1, 0, 1, -1), (t, -half, u, -half, _around(t - phi))
     return none
+
+
+@allocating
+def curve_lengths(kind: int, radius: float, starts: Floats, ends: Floats) -> Floats:
+    """Return the metres of the shortest curves between rows of configurations."""
+    metres = np.empty(len(starts))
+    for k in range(len(starts)):
+        first, last = (starts[k, 0], starts[k, 1], starts[k, 2]), (ends[k, 0], ends[k, 1], ends[k, 2])
+        metres[k] = radius * total_length(shortest_word(kind, radius, first, last)[1])
+    return metres

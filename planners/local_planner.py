@@ -16,7 +16,6 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
@@ -28,20 +27,19 @@ from cspace.arms.inverse import PoseGoal
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
-from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
+from cspace.engines.slices import narrower_rotations
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.callbacks import bind_kernel
 from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
 from cspace.words import Drive
-from planners.catalogue import BIRRT, GRID, LATTICE, MAX_CLEARANCE, PlannerName
-from planners.refinement import find_needed_rotations
-from planners.states import Configuration, check_space, kind_of, with_wrapped_angles
+from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
+from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
+from planners.states import Configuration, check_space, format_configuration, kind_of, with_wrapped_angles
 
 if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace
-    from planners.integrals import CostDensity, Field
 
 Endpoints = tuple[Configuration, ...]
 """A start and its alternative goals. Only arms have several goals."""
@@ -49,11 +47,8 @@ Endpoints = tuple[Configuration, ...]
 GoalLike = ArrayLike | PoseGoal | Sequence[PoseGoal | ArrayLike]
 """A goal of a plan, or several for an arm."""
 
-MAX_GOALS_PER_POSE: Final = 16
-"""Configurations at one pose that are goals of a search at once."""
-
 MAX_SOLUTIONS_PER_POSE: Final = 128
-"""Configurations tested before a pose counts as in collision."""
+"""Configurations at one pose that may be goals of a search."""
 
 MAX_RADIANS_PER_ROW: Final = math.radians(5.0)
 """Largest rotation between rows of a resampled path, radians (5 degrees)."""
@@ -87,12 +82,6 @@ LENGTH_ROUNDING_SHARE: Final = 1e-12
 JOINT_CHECKING_STEP: Final = 0.01
 """Joint distance (rad, m) between states when OMPL itself checks a motion."""
 
-MIN_DIGITS: Final = 4
-"""Fewest significant digits of a printed configuration."""
-
-MAX_DIGITS: Final = 17
-"""Significant digits from which any float is read back unchanged."""
-
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
 
@@ -111,25 +100,6 @@ class Pieces(NamedTuple):
     centers: Floats
     lengths: Floats
     rotations: Floats
-
-
-class MoreGoals:
-    """Further goals of a search, found when it first asks for them.
-
-    Attributes
-    ----------
-    found : list of tuple of float
-        The goals; empty before the first call.
-    """
-
-    def __init__(self, find: Callable[[], list[Configuration]]) -> None:
-        self._find = find
-        self.found: list[Configuration] = []
-
-    def __call__(self) -> list[Configuration]:
-        """Find the goals and return them."""
-        self.found = self._find()
-        return self.found
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +129,18 @@ class LocalPlanner(ABC):
     turning_radius: float | None = None
     bidirectional: bool = False
 
-    built_in_searches: ClassVar[tuple[PlannerName, ...]] = ()
-    """Built-in searches that follow such edges, the default one first."""
+    has_cells: ClassVar[bool] = True
+    """Whether the space is a map."""
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether the space is in memory."""
+        return True
+
+    @property
+    def has_cheap_search(self) -> bool:
+        """Whether a search costs less than :meth:`prove_existence`."""
+        return False
 
     @property
     @abstractmethod
@@ -280,15 +260,6 @@ class LocalPlanner(ABC):
         given = check_finite(goal, "goal")  # type: ignore[arg-type]  # pose goals are not numeric
         return [(self.check_endpoint(given, "goal"), given)]
 
-    def more_goals(
-        self,
-        goal: GoalLike,
-        start: Configuration,
-        seed: int | None,
-    ) -> MoreGoals | None:
-        """Return the goals that :meth:`find_goals` may leave out; None if it leaves out none."""
-        return None
-
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Name the joints that :meth:`check_endpoint` moves onto their limits.
 
@@ -307,19 +278,6 @@ class LocalPlanner(ABC):
         """
         return exists is not False
 
-    def format_configuration(self, q: ArrayLike) -> str:
-        """Format a configuration with just enough digits to type it back."""
-        given = np.asarray(q, dtype=np.float64)
-        for digits in range(MIN_DIGITS, MAX_DIGITS + 1):
-            texts = [f"{x:.{digits}g}" for x in given.tolist()]
-            if self._stands_for(np.array(texts, dtype=np.float64), given):
-                break
-        return f"({', '.join(texts)})"
-
-    @abstractmethod
-    def _stands_for(self, typed: Floats, q: Floats) -> bool:
-        """Return True if a rounded configuration gets the answers of `q`."""
-
     def _check_size(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
@@ -334,7 +292,16 @@ class EdgesOnMap(LocalPlanner):
     """Edges between configurations of a map."""
 
     space: CSpace
-    built_in_searches: ClassVar[tuple[PlannerName, ...]] = (LATTICE,)
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether the map is in memory, not in a store."""
+        return isinstance(self.space, CSpace)
+
+    @property
+    def has_cheap_search(self) -> bool:
+        """Whether a search costs less than to label the components."""
+        return self.in_memory and not self.exact and not self.space._is_labelled
 
     @property
     @abstractmethod
@@ -349,7 +316,7 @@ class EdgesOnMap(LocalPlanner):
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split a path into pieces of at most ``step`` and ``rotation``.
 
-        ``step`` is in metres, ``rotation`` in radians.
+        ``step`` is in metres, ``rotation`` in radians. A single configuration is one piece.
         """
 
     @property
@@ -378,13 +345,12 @@ class EdgesOnMap(LocalPlanner):
     def straight_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves a straight edge free.
 
-        The map may be tiled.
+        The map may be in a store.
         """
-        space: ConfigurationMap = self.space
-        if isinstance(space, CSpace):
-            return space.edge_checker(exact=self.exact)
-        size, exact = space.size, self.exact
-        return lambda *edge: bool(space.motion_is_free(edge[:size], edge[size:], exact=exact))
+        if self.in_memory:
+            return self.space.edge_checker(exact=self.exact)
+        size = self.space.size
+        return lambda *edge: self.space.motion_is_free(edge[:size], edge[size:], exact=self.exact)
 
     def wrap_yaws(self, path: Floats) -> Floats:
         """Wrap the yaws of a path into [-pi, pi)."""
@@ -397,10 +363,9 @@ class EdgesOnMap(LocalPlanner):
 
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the lengths of all free paths from below."""
-        space: ConfigurationMap = self.space
-        steps, dim = space.rotations.steps_between(first, last), space.grid.dim
-        straight = float(np.linalg.norm(steps[:dim]))
-        metres = space.min_path_length(first, last) if isinstance(space, CSpace) else straight
+        space, dim = self.space, self.space.grid.dim
+        steps = space.rotations.steps_between(first, last)
+        metres = space.min_path_length(first, last) if self.in_memory else float(np.linalg.norm(steps[:dim]))
         return (1.0 - LENGTH_ROUNDING_SHARE) * (metres + self.rotation_weight * float(np.linalg.norm(steps[dim:])))
 
     def clearance(self, path: Floats) -> float:
@@ -411,7 +376,7 @@ class EdgesOnMap(LocalPlanner):
         half the length bounds the piece, in each rotation cell within half the piece's rotation.
         """
         space, dim = self.space, self.space.grid.dim
-        pieces = self._split_or_point(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
+        pieces = self.split_path(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
         rows, cells = space.rotations.find_cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
         q = pieces.centers[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is constant in a rotation cell
@@ -424,20 +389,15 @@ class EdgesOnMap(LocalPlanner):
         robot moves by more than half a cell. Each point stays within a quarter of a cell of its position at the piece's
         center. The distance there minus that much bounds the piece.
         """
-        given: object = self.space
-        if not isinstance(given, CSpace):
+        if not self.in_memory:
             return math.nan
-        space, step = given, 0.25 * given.grid.spacing
-        pieces = self._split_or_point(path, step, step / max(space.robot.span, step))
+        space, step = self.space, 0.25 * self.space.grid.spacing
+        pieces = self.split_path(path, step, step / max(space.robot.span, step))
         try:
             distance = space.obstacle_distance(pieces.centers, pieces.lengths, pieces.rotations)
         except InputError:  # the map has no geometry
             return math.nan
         return distance if self.are_free(path) else 0.0
-
-    def _split_or_point(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split a path; a single configuration becomes one piece."""
-        return self.split_path(path, step, rotation) if len(path) > 1 else Pieces(path, np.zeros(1), np.zeros(1))
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal in canonical form.
@@ -453,21 +413,6 @@ class EdgesOnMap(LocalPlanner):
         if inside and self.straight_checker()(*point, *point):
             return point
         raise self._make_endpoint_error(point, name, inside)
-
-    def _stands_for(self, typed: Floats, q: Floats) -> bool:
-        """Return True if a rounded configuration lies in the cell of `q`, and is as free."""
-        space, dim = self.space, self.space.grid.dim
-        try:
-            points = space.rotations.make_canonical(np.stack([typed, q]), "q")
-        except InputError:  # too few digits for a quaternion of norm 1
-            return False
-        cells = space.grid.cell_of(points[:, :dim])
-        rotation_cells = space.rotations.find_cells(points)
-        if (cells[0] != cells[1]).any() or rotation_cells[0] != rotation_cells[1]:
-            return False
-        is_free = self.straight_checker()
-        first_is_free, second_is_free = (is_free(*point, *point) for point in points.tolist())
-        return first_is_free == second_is_free
 
     def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
         """Make the error for a refused start or goal."""
@@ -485,21 +430,22 @@ class EdgesOnMap(LocalPlanner):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside a FREE cell"
-        rotations = ""
-        if isinstance(space, CSpace) and state == MIXED and not self.exact:
-            rotations = find_needed_rotations(space, point)
-        hints = [f"build the map with {rotations}, which proves the {name} FREE"] if rotations else []
+        hints = []
+        if self.in_memory and state == MIXED and not self.exact:
+            # Within one of these rotation cells, no point of the robot moves farther than half a cell.
+            narrower = narrower_rotations(space.robot, space.rotations, 0.5 * space.grid.spacing)
+            hints += [f"build the map with {text}" for text, _ in list(narrower)[-1:]]
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
-            hints.append(f"the nearest is {self.format_configuration(nearest)}")
+            hints.append(f"the nearest is {format_configuration(nearest)}")
         except ConfigurationError:
-            where = "at all" if isinstance(space, CSpace) else "near there"
+            where = "at all" if self.in_memory else "near there"
+            no_hint = not hints
             hints.append(f"the map has no FREE configuration {where}")
-            hints += [] if rotations else ["use a smaller robot, margin or spacing"]
-        hint = "; ".join(hints)
-        problem = f"{self.format_configuration(point)} {problem}"
-        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
+            hints += ["use a smaller robot, margin or spacing"] * no_hint
+        problem = f"{format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, "; ".join(hints), value=point, nearest=nearest)
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""
@@ -526,7 +472,6 @@ class StraightEdges(EdgesOnMap):
     """
 
     rotation_weight = METRES_PER_RADIAN
-    built_in_searches: ClassVar[tuple[PlannerName, ...]] = (GRID, MAX_CLEARANCE)
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves a straight edge free."""
@@ -534,8 +479,6 @@ class StraightEdges(EdgesOnMap):
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the straight edge."""
-        from planners.integrals import make_edge_cost
-
         return make_edge_cost(self.space, field, density)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
@@ -545,6 +488,8 @@ class StraightEdges(EdgesOnMap):
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split each edge into equal pieces of at most ``step`` and ``rotation``."""
+        if len(path) == 1:
+            return Pieces(path, np.zeros(1), np.zeros(1))
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
         centers = self.space.rotations.add_steps(path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge])
@@ -587,8 +532,6 @@ class TurnDriveTurn(StraightEdges):
     within 1e-8 of the map's side of the line, and its distance counts metres alone.
     """
 
-    built_in_searches = (LATTICE,)
-
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space of curves with a tiny turning radius."""
         return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * self.space.grid.spacing * max(self.space.grid.shape))
@@ -618,12 +561,10 @@ class TurnDriveTurn(StraightEdges):
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
-        offsets = ends[:, :2] - starts[:, :2]
-        ahead, stays = np.arctan2(offsets[:, 1], offsets[:, 0]), (offsets == 0.0).all(axis=1)
-        yaws = np.where(stays, starts[:, 2], ahead), np.where(stays, starts[:, 2], ahead + math.pi)
-        radians = [np.abs(wrapped(yaw - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaw)) for yaw in yaws]
-        least = radians[0] if self.drive == "differential" else np.minimum(*radians)
-        return np.asarray(np.linalg.norm(offsets, axis=1) + self.rotation_weight * least)
+        yaws = [self.heading(*first, *last) for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
+        radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
+        metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
+        return metres + self.rotation_weight * radians
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
         """Return the yaw while driving an edge; ``yaw0`` for a pure turn."""
@@ -677,7 +618,7 @@ class JointMotions(LocalPlanner):
     """
 
     space: ArmSpace
-    built_in_searches = (BIRRT,)
+    has_cells = False
     checking_step = JOINT_CHECKING_STEP
 
     @property
@@ -706,11 +647,6 @@ class JointMotions(LocalPlanner):
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the motion free."""
         return with_wrapped_angles(self.space.edge_checker(), self.space.periodic_axes)
-
-    def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each motion is proven free, shape (n - 1,)."""
-        starts, ends = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
-        return np.asarray(self.space.motion_is_free(starts, ends))
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of motions in the joints, shape (n,)."""
@@ -746,14 +682,6 @@ class JointMotions(LocalPlanner):
         # revolutions.
         return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
 
-    def _stands_for(self, typed: Floats, q: Floats) -> bool:
-        """Return True if rounded joints lie within the limits, and are as free."""
-        try:
-            are_free = np.asarray(self.space.is_free(np.stack([typed, q])))
-        except ConfigurationError:  # rounded beyond a limit
-            return False
-        return bool(are_free[0] == are_free[1])
-
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal with joints clamped and angles wrapped.
 
@@ -783,7 +711,7 @@ class JointMotions(LocalPlanner):
             name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
             try:
                 if isinstance(each, PoseGoal):
-                    goals += self._goals_at_pose(each, name, start, seed)
+                    goals += [(q, q) for q in self._solve_pose(each, name, start, seed)]
                 else:
                     goals.append((self.check_endpoint(each, name), each))
             except ConfigurationError as error:
@@ -796,43 +724,14 @@ class JointMotions(LocalPlanner):
         lengths = self.edge_lengths(np.array(start)[np.newaxis], np.array([checked for checked, _ in goals]))
         return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
 
-    def more_goals(
-        self,
-        goal: GoalLike,
-        start: Configuration,
-        seed: int | None,
-    ) -> MoreGoals | None:
-        """Return further free configurations at poses; None if no goal is a pose."""
-        poses = [each for each in _list_alternatives(goal) if isinstance(each, PoseGoal)]
-
-        def find() -> list[Configuration]:
-            found = list[Configuration]()
-            for pose in poses:
-                with suppress(ConfigurationError):
-                    _, free = self._solve_pose(pose, "goal", start, MAX_SOLUTIONS_PER_POSE, seed)
-                    found += free
-            return found
-
-        return MoreGoals(find) if poses else None
-
-    def _solve_pose(
-        self, goal: PoseGoal, name: str, start: Configuration, count: int, seed: int | None
-    ) -> tuple[Floats, list[Configuration]]:
-        """Return configurations at a pose, the nearest first, and those that are proven free."""
-        points = self.space.arm._solve_pose(goal, name, start, count, seed or 0)
-        points = wrapped(points, self.space.periodic_axes)
-        free = points[np.asarray(self.space.is_free(points))]
-        return points, [tuple(q) for q in free.tolist()]
-
-    def _goals_at_pose(
-        self, goal: PoseGoal, name: str, start: Configuration, seed: int | None
-    ) -> list[tuple[Configuration, ArrayLike]]:
-        """Return proven free configurations at a pose, the nearest first."""
+    def _solve_pose(self, goal: PoseGoal, name: str, start: Configuration, seed: int | None) -> list[Configuration]:
+        """Return the proven free configurations found at a pose."""
         space, contacts = self.space, Counter[tuple[str, str]]()
-        for count in (MAX_GOALS_PER_POSE, MAX_SOLUTIONS_PER_POSE):
-            points, free = self._solve_pose(goal, name, start, count, seed)
-            if free:
-                return [(q, q) for q in free[:MAX_GOALS_PER_POSE]]
+        points = space.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        points = wrapped(points, space.periodic_axes)
+        free = points[np.asarray(space.is_free(points))]
+        if len(free):
+            return [tuple(q) for q in free.tolist()]
         contacts.update(space.closest(q)[:2] for q in points)
         ((link, other), number), *_ = contacts.most_common(1)
         problem = (
@@ -881,25 +780,8 @@ class CarCurves(EdgesOnMap):
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
 
-    def edges_are_free(self, path: Floats) -> Bools:
-        """Return whether each edge is proven free, also in a tiled map."""
-        given: object = self.space
-        if isinstance(given, CSpace):
-            return super().edges_are_free(path)
-        space = cast("TiledCSpace", given)
-        grid, free = space.grid, []
-        for edge in np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else [path]:
-            centers = self.split_path(edge, grid.spacing, MAX_RADIANS_PER_ROW).centers
-            positions, margin = np.concatenate([edge, centers])[:, :2], 2.0 * grid.spacing
-            window = space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin)
-            free += replace(self, space=window).edges_are_free(edge).tolist()
-        return np.array(free, dtype=np.bool_)
-
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        from planners.car_curves import curve_cost
-        from planners.integrals import bind_cost
-
         return bind_cost(curve_cost, self.space, field, density, (self.kind, self.radius), count=6)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
@@ -921,26 +803,33 @@ class CarCurves(EdgesOnMap):
 
         It returns -1 unless the curve is proven free.
         """
-        from planners.car_curves import prove_length
-
+        if not self.in_memory:
+            return lambda *q: self._window_around(np.reshape(q, (2, 3))).length_prover()(*q)
         map_ = self.space._kernel_map
         # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
         map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
         return bind_kernel(prove_length, (map_, self.kind, self.radius), *[0.0] * 6)
 
+    def _window_around(self, edge: Floats) -> CarCurves:
+        """Return the curves in a part of the map around an edge, in memory."""
+        space, margin = cast("TiledCSpace", self.space), 2.0 * self.space.grid.spacing
+        centers = self.split_path(edge, space.grid.spacing, MAX_RADIANS_PER_ROW).centers
+        positions = np.concatenate([edge, centers])[:, :2]
+        return replace(self, space=space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin))
+
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
-        return np.array([self.metres(*edge) for edge in zip(starts, ends, strict=True)])
+        return curve_lengths(self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends))
 
     def metres(self, first: Floats, last: Floats) -> float:
         """Return the metres of the shortest curve between two configurations."""
-        return self.radius * float(np.abs(self._word(first, last)[1]).sum())
+        return float(self.edge_lengths(first[None], last[None])[0])
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split each curve into pieces of at most ``step`` and ``rotation``."""
+        if len(path) == 1:
+            return Pieces(path, np.zeros(1), np.zeros(1))
         curves = [self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
-        if not curves:
-            return Pieces(np.empty((0, 3)), np.empty(0), np.empty(0))
         centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
         return Pieces(centers, lengths, np.abs(rotations))
 
@@ -949,7 +838,7 @@ class CarCurves(EdgesOnMap):
 
         Rows are at most a cell and 5 degrees apart.
         """
-        rows, signs = [path[:1]], [np.ones(0, dtype=np.int8)]
+        rows, signs = [path[:1]], [np.ones(int(len(path) == 1), dtype=np.int8)]
         for a, b in itertools.pairwise(path):
             points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
             points[:, 2] = wrapped(points[:, 2])
@@ -957,8 +846,7 @@ class CarCurves(EdgesOnMap):
             rows.append(points)
             signs.append(ahead)
         direction = np.concatenate(signs)
-        first = direction[:1] if len(direction) else np.ones(1, dtype=np.int8)
-        return np.concatenate(rows), np.concatenate([first, direction])
+        return np.concatenate(rows), np.concatenate([direction[:1], direction]) if len(path) > 1 else direction
 
     def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
         """Return configurations along a curve, shape (n, 3).
@@ -966,25 +854,25 @@ class CarCurves(EdgesOnMap):
         ``position`` gives their distances from its start, metres, shape (n,).
         """
         steering, lengths = self._word(first, last)
-        yaws = first[2] + np.cumsum([0.0, *steering * lengths])
-        starts = np.cumsum([0.0, *np.abs(lengths[:-1])])
-        breakpoints = np.cumsum([(0.0, 0.0), *_segment_offsets(steering, lengths, yaws[:-1])], axis=0)
-        distance = position / self.radius
-        # A point where two segments meet belongs to the later one.
-        segment = np.maximum(np.searchsorted(starts, distance + 1e-12, side="right") - 1, 0)
-        along = np.copysign(np.clip(distance - starts[segment], 0.0, np.abs(lengths[segment])), lengths[segment])
-        offsets = breakpoints[segment] + _segment_offsets(steering[segment], along, yaws[segment])
-        return np.column_stack([first[:2] + self.radius * offsets, yaws[segment] + steering[segment] * along])
+        rows = []
+        for left in (position / self.radius).tolist():
+            pose = (0.0, 0.0, float(first[2]))
+            for steer, length in zip(steering.tolist(), lengths.tolist(), strict=True):
+                part = min(left, abs(length))
+                pose = advance(pose, steer, math.copysign(part, length))
+                left -= part
+            rows.append(pose)
+        points = np.array(rows).reshape(-1, 3)
+        points[:, :2] = first[:2] + self.radius * points[:, :2]
+        return points
 
-    def _word(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
+    def _word(self, first: Floats, last: Floats) -> tuple[Ints, Floats]:
         """Return the steering and lengths of a curve's segments.
 
         Steering is 1, -1 or 0. Lengths are in radii, negative in reverse.
         """
-        from planners.car_curves import shortest_word
-
         steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
-        return np.asarray(steering, dtype=np.float64), np.asarray(lengths)
+        return steering, lengths
 
     def split_curve(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
@@ -1094,14 +982,6 @@ def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
     """
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
-
-
-def _segment_offsets(steering: Floats, lengths: Floats, yaws: Floats) -> Floats:
-    """Return the displacements along segments, shape (n, 2), in turning radii."""
-    after = yaws + steering * lengths
-    x = np.where(steering, steering * (np.sin(after) - np.sin(yaws)), lengths * np.cos(yaws))
-    y = np.where(steering, steering * (np.cos(yaws) - np.cos(after)), lengths * np.sin(yaws))
-    return np.stack([x, y], axis=-1)
 
 
 def _wrap_yaw(yaw: float) -> float:

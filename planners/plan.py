@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -18,7 +20,6 @@ from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace, TileSubproblem
 from cspace.errors import InputError
 from cspace.rotations.base import TWO_PI
-from cspace.space import CSpace
 from cspace.words import Drive
 from planners.catalogue import (
     BIRRT,
@@ -45,36 +46,25 @@ from planners.local_planner import (
     LocalPlanner,
     local_planner,
 )
-from planners.objectives import (
-    ClearanceObjective,
-    WeightedLength,
-    edges_on_map,
-    find_clear_path,
-)
-from planners.passages import Passages
+from planners.objectives import ClearanceObjective, WeightedLength, edges_on_map, find_clear_path
 from planners.result import Plan, Times
-from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult, shorten
+from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
 from planners.setup import MakeObjective, make_bounded_states
-from planners.states import kind_of
+from planners.states import format_configuration, kind_of
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
 GRID_TIME_SHARE: Final = 0.5
-"""Share of the time limit after which another search takes over from "Grid", or from passages."""
-
-FIRST_SLOT_SHARE: Final = 0.1
-"""Share of the time limit, at most 1 s, that OMPL's planner has before passages are searched; most are wide enough."""
+"""Share of the time limit after which another search takes over from "Grid"."""
 
 MAX_SKIPPED_WAYPOINTS: Final = 32
 """Number of next waypoints that an edge of a path through tiles may lead to."""
 
-MAX_SAMPLES_BETWEEN: Final = 256
-"""Largest number of positions along an axis at which a failed search looks for MIXED cells."""
-
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
-"""Status of a plan without a search, because every path would follow such a chain."""
+"""Status of a plan whose every path would follow such a chain."""
 
+LENGTH: Final = "length"
 CLEARANCE: Final = "clearance"
 
 NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
@@ -129,12 +119,13 @@ def choices(space: ConfigurationSpace) -> Choices:
     >>> choices.planners[-2:], choices.drives, choices.curves
     (('Grid', 'MaxClearance'), ('holonomic',), ())
     """
-    searches, is_car = local_planner(space).built_in_searches, space.axes == CAR_AXES
-    if not isinstance(space, CSpace):
-        searches = searches[:1]  # MaxClearance needs a map in memory
-    lattice: tuple[PlannerName, ...] = (LATTICE,) if is_car else ()
-    names = (*planner_names(), *searches, *lattice)
-    return Choices(names, DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
+    edges, is_car = local_planner(space), space.axes == CAR_AXES
+    searches: list[PlannerName] = [GRID] if edges.has_cells else [BIRRT]
+    if edges.has_cells and edges.in_memory:
+        searches.append(MAX_CLEARANCE)
+    if is_car:
+        searches.append(LATTICE)
+    return Choices((*planner_names(), *searches), DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
 
 
 def plan(
@@ -157,13 +148,13 @@ def plan(
     Any geometric planner of OMPL may search. On a map of (x, y, yaw) the robot may move sideways, unless ``drive``
     restricts it. "differential" is for robots that turn on the spot and drive straight on, as most mobile robots do.
 
-    No search is run if the map proves that no path exists. Nor is one run if the objective is the length and the single
-    edge from start to goal is free. OMPL's messages are held back while it runs.
+    No search of OMPL is run if the map proves that no path exists. Nor is one run if the objective is the length and
+    the single edge from start to goal is free. OMPL's messages are held back while it runs.
 
     *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map also computes
     components and compiles functions; these times are not limited, see :attr:`Plan.times`.
 
-    *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends at once if no chain of
+    *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends soon if no chain of
     FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no
     path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
 
@@ -185,9 +176,8 @@ def plan(
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
     planner and sampler made afterwards draws its own seed, and the random starts of poses. So the same call with the
     same seed gives the same path, in any process and after any other plans. Searches that the
-    clock ends, or to which it adds configurations at a pose, are an exception: give ``iterations``
-    to planners that use up the time limit. So are PRM and PRMstar, which search in a second thread,
-    and OMPL used by other threads at the same time.
+    clock ends are an exception: give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar,
+    which search in a second thread, and OMPL used by other threads at the same time.
 
     Parameters
     ----------
@@ -197,9 +187,9 @@ def plan(
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
         also be a :class:`cspace.PoseGoal`, or several goals: configurations, shape (n, size), or a list with pose
         goals. Goals that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`.
-        BFMT, PRM and PRMstar take one configuration. A pose becomes at most 16 configurations of
-        :meth:`cspace.Arm.inverse`. If the search takes long, the free ones of 128 join, except with
-        FMT. These are not all configurations at the pose, so "no path found" proves nothing.
+        BFMT, PRM and PRMstar take one configuration. A pose becomes the free ones of at most 128
+        configurations of :meth:`cspace.Arm.inverse`. These are not all configurations at the pose, so "no path found"
+        proves nothing.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search;
         type checkers know the names as OMPL spells them. The default is "Grid" or "Lattice" as said above, otherwise
@@ -236,13 +226,10 @@ def plan(
 
         Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar. FMT and BFMT take them
         with a time limit of many seconds, because they compute the cost between all pairs of near samples. Each of
-        these must beat the cheapest of a few paths that RRTConnect finds in a tenth of the time. Other planners are
-        refused.
+        these must beat the path that RRTConnect finds first. Other planners are refused.
     exact : bool
-        Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages hardly wider than the
-        robot; slower. "Grid" tests the centers of MIXED cells on its way. If it finds no path, the map is undecided and
-        the robot holonomic, samples cross the MIXED cells of a chain of cells. The same happens if RRT, RRTConnect or a
-        relative of KPIECE finds none at once. This can take seconds. Not for curves.
+        Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages little wider than the
+        robot; slower. "Grid" tests the centers of MIXED cells on its way. Not for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion of the robot along an edge, which is proven along that motion. All but the first are for maps of
         (x, y, yaw), with the reference point in the middle of the axle that does not steer.
@@ -288,72 +275,30 @@ def plan(
     4.0
     """
     began = time.perf_counter()
-    name = planner_named(planner, drive)
-    edges = local_planner(space, exact, drive, turning_radius)
-    if planner is None:
-        name = _choose_planner(edges, objective, iterations)
-    if planner is not None and name not in BUILT_IN_SEARCHES:
-        make_bounded_states(edges)  # refuses spaces that are too small for OMPL
     check_flag(simplify, "simplify")
-    search = Search(
-        planner=name,
-        objective=_make_objective(space, objective, name, edges),
-        iterations=_check_iterations(iterations, name),
-        simplify=simplify,
-        seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
+    task = _check_arguments(
+        local_planner(space, exact, drive, turning_radius),
+        start,
+        goal,
+        Search(
+            planner=planner_named(planner, drive),
+            iterations=iterations,
+            simplify=simplify,
+            seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
+        ),
+        objective,
+        check_positive(time_limit, "time_limit", "seconds"),
+        planner is not None,
     )
-    limit = check_positive(time_limit, "time_limit", "seconds")
-    checked = edges.check_endpoint(start, "start")
-    goals, given_goals = zip(*edges.find_goals(goal, checked, search.seed), strict=True)
-    if name not in _WHY_ONE_GOAL:
-        search = replace(search, more_goals=edges.more_goals(goal, checked, search.seed))
-    elif len(goals) > 1:
-        problem = f"has {len(goals)} configurations and planner is {name!r}"
-        hint = "pass one configuration or choose another planner"
-        raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
-    task = _Task(edges, (checked, *goals), given_goals, search, objective, limit, planner is not None)
-    if name in BUILT_IN_SEARCHES:
-        _check_built_in_search(task)
-    exists = task.edges.prove_existence(task.endpoints)
-    subproblems = space._tile_subproblems(*task.endpoints[:2]) if task.edges.may_join(exists) else []
-    if exists or task.edges.exact:
-        task = _prefer_built_in(task)
-    result = _search_tile_by_tile(task, subproblems, exists)
-    if search.more_goals is not None:
-        found = search.more_goals.found
-        all_goals = (*task.given_goals, *found)
-        task = replace(task, endpoints=(*task.endpoints, *found), given_goals=all_goals)
+    edges = task.edges
+    prove = cache(lambda: edges.prove_existence(task.endpoints))
+    # A path of "Grid" proves that one exists. So components are labelled only if it finds none, or are known.
+    searches_first = task.search.planner == GRID and edges.has_cheap_search
+    may_exist = searches_first or edges.may_join(prove())
+    subproblems = edges.space._tile_subproblems(*task.endpoints[:2]) if may_exist else []
+    result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(prove()))
+    exists = True if searches_first and result.proven else prove()
     return _make_plan(task, start, result, exists, began)
-
-
-def _choose_planner(
-    edges: LocalPlanner,
-    objective: str | MakeObjective,
-    iterations: int | None,
-) -> PlannerName:
-    """Choose the planner of a plan that names none.
-
-    Raises InputError if none that is chosen by default minimises the objective.
-    """
-    name = BIRRT if BIRRT in edges.built_in_searches else planner_named(None, edges.drive)
-    is_for_map = objective == CLEARANCE and isinstance(edges, EdgesOnMap)
-    if not is_for_map and not callable(objective):  # the length, or an error for later
-        return name
-    problem = "is a function and no planner is named"
-    rule = "the default planners minimise the length"
-    if objective == CLEARANCE:
-        # OMPL's default planner ignores objectives, but the map's own search weighs clearance.
-        if edges.drive != HOLONOMIC:
-            conflict, rule = f"drive is {edges.drive!r}", "it is for holonomic robots"
-        elif edges.exact:
-            conflict, rule = "exact is True", "it is for FREE cells"
-        elif iterations is not None:
-            conflict, rule = f"iterations is {iterations!r}", "there are no iterations"
-        else:
-            return GRID
-        problem, rule = f"is {objective!r} and {conflict}", f"without a planner, {rule}"
-    hint = "name a planner that optimises: planner='RRTstar'"
-    raise InputError("objective", problem, rule, hint, value=objective)
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,44 +313,91 @@ class _Task:
     time_limit: float
     is_named: bool  # whether the user chose the planner
 
-    def search_on(self, part: ConfigurationSpace) -> Search:
-        """Return the search, with the objective for a part."""
-        return replace(self.search, objective=_make_objective(part, self.objective, self.search.planner, self.edges))
+
+def _check_arguments(
+    edges: LocalPlanner,
+    start: ArrayLike,
+    goal: GoalLike,
+    search: Search,
+    objective: str | MakeObjective,
+    time_limit: float,
+    is_named: bool,
+) -> _Task:
+    """Check the arguments of a plan, and choose a planner if none is named."""
+    name = search.planner if is_named else _choose_planner(edges, objective, search)
+    if name not in BUILT_IN_SEARCHES:
+        make_bounded_states(edges)  # refuses spaces that are too small for OMPL
+    fallback = None
+    if name != search.planner and (objective, edges.has_cells) == (LENGTH, True):
+        with suppress(InputError):  # the space may be too small for OMPL
+            make_bounded_states(edges)
+            fallback = search.planner
+    search = replace(
+        search,
+        planner=name,
+        fallback=fallback,
+        objective=_make_objective(edges.space, objective, name, edges),
+        iterations=_check_iterations(search.iterations, name),
+    )
+    checked = edges.check_endpoint(start, "start")
+    goals, given_goals = zip(*edges.find_goals(goal, checked, search.seed), strict=True)
+    if name in _WHY_ONE_GOAL and len(goals) > 1:
+        problem = f"has {len(goals)} configurations and planner is {name!r}"
+        hint = "pass one configuration or choose another planner"
+        raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
+    task = _Task(edges, (checked, *goals), given_goals, search, objective, time_limit, is_named)
+    if name in BUILT_IN_SEARCHES:
+        _check_built_in_search(task)
+    return task
+
+
+def _choose_planner(edges: LocalPlanner, objective: str | MakeObjective, search: Search) -> PlannerName:
+    """Choose the planner of a plan that names none.
+
+    Raises InputError for a function, which no default planner minimises.
+    """
+    if callable(objective):
+        rule, hint = "the default planners minimise the length", "name a planner that optimises: planner='RRTstar'"
+        raise InputError("objective", "is a function and no planner is named", rule, hint, value=objective)
+    if not edges.has_cells:
+        return BIRRT
+    if objective == CLEARANCE:
+        return GRID
+    if search.iterations is not None or (edges.exact and edges.drive != HOLONOMIC):
+        return search.planner
+    return GRID if edges.drive == HOLONOMIC else LATTICE
 
 
 def _check_built_in_search(task: _Task) -> None:
     """Raise InputError if a built-in search does not support the task."""
     edges, name = task.edges, task.search.planner
-    if (name == BIRRT) != (BIRRT in edges.built_in_searches):
+    if (name == BIRRT) == edges.has_cells:
         rule, hint = f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps", "leave planner out"
         raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
     if name == LATTICE and edges.drive == HOLONOMIC:
         problem, rule = f"is {name!r} and drive is {edges.drive!r}", f"{name} is for all other drives"
         raise InputError("planner", problem, rule, "use planner='Grid', or pass drive='differential'", value=name)
-    keeps_away = name == GRID and task.objective == CLEARANCE
-    decides_mixed = name == BIRRT or (name == GRID and not keeps_away)
-    refused: dict[str, object] = {
-        "objective": task.objective if task.objective != "length" and not keeps_away else None,
-        "exact": True if edges.exact and edges.drive == HOLONOMIC and not decides_mixed else None,
-        "drive": edges.drive if edges.drive != HOLONOMIC and name != LATTICE else None,
-        "iterations": task.search.iterations if name != BIRRT else None,
-    }
-    minimised = "length or clearance" if name == GRID else "the length"
-    rules = {
-        "objective": f"{name} minimises {minimised}",
-        "exact": f"{name} uses FREE cells" + f" for objective={CLEARANCE!r}" * keeps_away,
-        "drive": f"{name} is for holonomic robots",
-        "iterations": f"{name} counts none",
-    }
-    other = planner_named(None, edges.drive) if task.objective == "length" else "RRTstar"
-    for option, value in refused.items():
-        if value is not None:
-            problem = f"is {value!r} and planner is {name!r}"
-            hint = f"leave {option} out, or use planner={other!r}"
-            raise InputError(option, problem, rules[option], hint, value=value)
-    if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
+    if name == MAX_CLEARANCE and not edges.in_memory:
         rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r} and the map is tiled", rule, hint, value=name)
+    keeps_away = name == GRID and task.objective == CLEARANCE
+    needs_free_cells = keeps_away or name in (MAX_CLEARANCE, LATTICE)
+    why = f" for objective={CLEARANCE!r}" * keeps_away
+    has_drive = edges.drive != HOLONOMIC
+    minimised = "length or clearance" if name == GRID else "the length"
+    refused = (
+        ("objective", task.objective, task.objective != LENGTH and not keeps_away, f"minimises {minimised}"),
+        ("exact", True, edges.exact and not has_drive and needs_free_cells, f"uses FREE cells{why}"),
+        ("drive", edges.drive, has_drive and name != LATTICE, "is for holonomic robots"),
+        ("iterations", task.search.iterations, task.search.iterations is not None and name != BIRRT, "counts none"),
+    )
+    for option, value, is_refused, rule in refused:
+        if is_refused:
+            chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
+            other = planner_named(None, edges.drive) if task.objective == LENGTH else "RRTstar"
+            problem, hint = f"is {value!r} and planner is {name!r}{chosen}", f"use planner={other!r}"
+            hint = f"leave {option} out, or {hint}"
+            raise InputError(option, problem, f"{name} {rule}", hint, value=value)
 
 
 def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
@@ -424,46 +416,30 @@ def _make_objective(
 ) -> MakeObjective | None:
     """Return the maker of the objective; None for OMPL's length."""
     drive, radius = edges.drive, edges.turning_radius
-    if objective == "length":
+    if objective == LENGTH:
         if drive not in ON_THE_SPOT:
             return None
-        plane = edges_on_map(space, drive, radius).space
-        return lambda si: WeightedLength(si, plane, drive=drive)
-    if objective != CLEARANCE and not callable(objective):
-        rule = f"it must be 'length', {CLEARANCE!r}, or a function that makes OMPL's objective"
+        return partial(WeightedLength, space=edges_on_map(space, drive, radius).space, drive=drive)
+    if objective == CLEARANCE:
+        cells = edges_on_map(space, drive, radius).space
+        make: MakeObjective = partial(ClearanceObjective, space=cells, drive=drive, turning_radius=radius)
+    elif callable(objective):
+        make = objective
+    else:
+        rule = f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective"
         hint = "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)"
         raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
-    cells = edges_on_map(space, drive, radius).space if objective == CLEARANCE else None
     if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
         without = planner in PLANNERS_WITHOUT_OBJECTIVE
         rule = f"{planner} {'ignores objectives' if without else NO_SECOND_THREAD}"
         problem, hint = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
         raise InputError("objective", problem, rule, hint, value=objective)
-    if cells is None:
-        return objective  # type: ignore[return-value]  # unknown strings were refused above
-    return lambda si: ClearanceObjective(si, cells, drive=drive, turning_radius=radius)
+    return make
 
 
-def _prefer_built_in(task: _Task) -> _Task:
-    """Choose a built-in search with OMPL's default as fallback.
-
-    The task stays unchanged if another option needs OMPL.
-    """
-    edges, search = task.edges, task.search
-    is_holonomic = edges.drive == HOLONOMIC
-    if task.is_named or not isinstance(edges, EdgesOnMap) or (task.objective, search.iterations) != ("length", None):
-        return task
-    if edges.exact and not is_holonomic:
-        return task
-    fallback: PlannerName | None = search.planner
-    try:
-        make_bounded_states(edges)
-    except InputError:  # the space is too small for OMPL
-        fallback = None
-    return replace(task, search=replace(search, planner=GRID if is_holonomic else LATTICE, fallback=fallback))
-
-
-def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exists: bool | None) -> SearchResult:
+def _search_tile_by_tile(
+    task: _Task, subproblems: Sequence[TileSubproblem], may_exist: Callable[[], bool]
+) -> SearchResult:
     """Search tile by tile, join the paths, prove the edges.
 
     The first part without a proven path ends the search. There are no parts if a path cannot exist.
@@ -473,16 +449,17 @@ def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exi
     for open_part, first, last in subproblems:
         part = replace(edges, space=open_part())
         endpoints = tuple(first.tolist()), tuple(last.tolist()), *task.endpoints[2:]
-        search = task.search_on(part.space)
+        objective = _make_objective(part.space, task.objective, task.search.planner, edges)
+        search = replace(task.search, objective=objective)
         if is_tiled and edges.drive == HOLONOMIC and search.planner not in BUILT_IN_SEARCHES:
             search = replace(search, fallback=GRID)
-        result = _search(search, part, endpoints, exists, task.time_limit)
+        result = _search(search, part, endpoints, task.time_limit, may_exist)
         planning, simplification = planning + result.planning, simplification + result.simplification
         result = replace(result, path=edges.wrap_yaws(result.path), planning=planning, simplification=simplification)
         waypoints = edges.breakpoints(result.path)
         result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if not is_tiled or not result.proven:
-            first_text, last_text = map(part.format_configuration, endpoints[:2])
+            first_text, last_text = map(format_configuration, endpoints[:2])
             return replace(result, where=f" from {first_text} to {last_text}" * is_tiled)
         path = np.concatenate([path[:-1], result.path])
     if not subproblems:
@@ -509,22 +486,19 @@ def _skip_waypoints(space: ConfigurationSpace, path: Floats) -> Floats:
 
 
 def _search(
-    search: Search, edges: LocalPlanner, endpoints: Endpoints, exists: bool | None, limit: float
+    search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float, may_exist: Callable[[], bool]
 ) -> SearchResult:
     """Search for a path in a space in memory."""
     if endpoints[0] in endpoints[1:]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
-    stops_at_first_path = search.planner in PLANNERS_WITHOUT_OBJECTIVE and search.iterations is None
     if search.planner in BUILT_IN_SEARCHES:
         result = _search_built_in(search, edges, endpoints, limit)
-    elif exists is None and isinstance(edges, EdgesOnMap) and edges.drive == HOLONOMIC and stops_at_first_path:
-        result = _search_passages(search, edges, endpoints, limit)
     else:
         result = search.run(edges, endpoints, limit)
     left = limit if search.fallback == GRID else limit - result.planning
-    if len(result.path) or search.fallback is None or left <= 0.0:
+    if len(result.path) or search.fallback is None or left <= 0.0 or not may_exist():
         return result
-    other = _search(replace(search, planner=search.fallback, fallback=None), edges, endpoints, exists, left)
+    other = _search(replace(search, planner=search.fallback, fallback=None), edges, endpoints, left, may_exist)
     note = f"by {search.fallback}, as {search.planner} found none" if len(other.path) else other.note
     return replace(other, note=note, planning=result.planning + other.planning, lattice=result.lattice)
 
@@ -548,35 +522,19 @@ def _find_path(search: Search, edges: LocalPlanner, endpoints: Endpoints, second
     Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice proves, in words.
     """
     straight = search.simplify
-    if not isinstance(edges, EdgesOnMap):
+    if search.planner == BIRRT:
         start, *goals = endpoints
         space, iterations = cast(ArmSpace, edges.space), search.iterations if straight else 0
-        options = straight, iterations, search.seed, seconds
-        return space._find_path(start, goals, *options, search.more_goals), ""
+        return space._find_path(start, goals, straight, iterations, search.seed, seconds), ""
+    plane = cast(EdgesOnMap, edges)
     if search.planner == LATTICE:
-        return find_lattice_path(edges, endpoints, straight, seconds)
+        return find_lattice_path(plane, endpoints, straight, seconds)
     if search.planner == MAX_CLEARANCE:
-        return edges.space.find_widest_path(*endpoints, straight=straight, time_limit=seconds), ""
+        return plane.space.find_widest_path(*endpoints, straight=straight, time_limit=seconds), ""
     if search.objective is not None:
-        return find_clear_path(edges, endpoints, straight, seconds), ""
+        return find_clear_path(plane, endpoints, straight, seconds), ""
     exact = {"exact": True} if edges.exact else {}  # only maps in memory have geometry
-    return edges.space.find_path(*endpoints, straight=straight, time_limit=seconds, **exact), ""
-
-
-def _search_passages(search: Search, edges: EdgesOnMap, endpoints: Endpoints, limit: float) -> SearchResult:
-    """Search by OMPL, along chains of cells, by OMPL again."""
-    result = search.run(edges, endpoints, min(FIRST_SLOT_SHARE * limit, 1.0))
-    if len(result.path):
-        return result
-    edges.space.is_free(np.array(endpoints[:1]), exact=True)  # fills caches of exact geometry, outside the limit
-    began, left = clock(), limit - result.planning
-    rng, until = np.random.default_rng(search.seed), began + GRID_TIME_SHARE * left
-    path = Passages(edges, rng, until).find(endpoints)
-    if not len(path):
-        return search.run(edges, endpoints, max(left - (clock() - began), 1e-3))
-    planning, began = result.planning + clock() - began, clock()
-    path = shorten(edges, path, began + limit - planning) if search.simplify else path
-    return SearchResult(path, "through undecided passages", planning, clock() - began)
+    return plane.space.find_path(*endpoints, straight=straight, time_limit=seconds, **exact), ""
 
 
 def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
@@ -586,10 +544,12 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
         return "path found" + (f": {result.note}" if result.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    existence = "unknown whether one exists"
-    if isinstance(edges, EdgesOnMap):
+    existence, limits = "unknown whether one exists", []
+    if edges.has_cells:
         sideways = "a path exists" if edges.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
         existence = sideways if exists else "undecided whether one exists"
+    if edges.drive != HOLONOMIC:
+        limits = _describe_free_yaws(cast(EdgesOnMap, edges), task.endpoints)
     is_late = result.planning >= 0.95 * task.time_limit
     hints = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
@@ -598,27 +558,29 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
     failure = f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
     if is_late:
         failure = f"no path found within {task.time_limit:g} s{result.where}"
-    limits = _describe_free_yaws(edges, task.endpoints) if isinstance(edges, EdgesOnMap) else []
     return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
 
 
 def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
-    edges, planner, more = task.edges, task.search.planner, f"more time (time_limit={10 * task.time_limit:g})"
-    if not isinstance(edges, EdgesOnMap):
+    edges, planner = task.edges, task.search.planner
+    more = f"more time (time_limit={10 * task.time_limit:g})"
+    if not edges.has_cells:
         return [more, "another seed", "another planner"]
-    finer = "a finer spacing" + " or more rotations" * bool(edges.space.rotations.names)
-    no_exact_search = task.is_named and planner in (MAX_CLEARANCE, LATTICE)
-    exact = "planner='RRTConnect' with exact=True" if no_exact_search else "exact=True"
-    exact += "" if isinstance(edges.space, CSpace) else " on space.window(lower, upper)"
-    decide_mixed = [exact] * (edges.drive not in CURVES and not edges.exact)
+    plane = cast(EdgesOnMap, edges)
+    finer = "a finer spacing" + " or more rotations" * bool(plane.space.rotations.names)
+    decide_mixed = []
+    if edges.drive not in CURVES and not edges.exact:
+        no_exact_search = task.is_named and planner in (MAX_CLEARANCE, LATTICE)
+        exact = "planner='RRTConnect' with exact=True" if no_exact_search else "exact=True"
+        decide_mixed = [exact if edges.in_memory else f"{exact} on space.window(lower, upper)"]
     if not edges.may_join(exists):
-        wider = ["a workspace with wider bounds"] * (edges.space.outside == "free")
+        wider = ["a workspace with wider bounds"] * (plane.space.outside == "free")
         return [*decide_mixed, finer, *wider]
     if exists is None:
         return [finer, more]
     if edges.drive != HOLONOMIC:
-        is_coarse = not edges.exact and _has_mixed_between(edges, task.endpoints)
+        is_coarse = not edges.exact and _has_mixed_between(plane, task.endpoints)
         resolve = [f"{finer} (MIXED cells lie between)", *decide_mixed] * is_coarse
         # More time does not help Lattice if its search ended before.
         needs_more = is_late or planner != LATTICE or task.search.fallback is not None
@@ -627,7 +589,7 @@ def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
         return [*resolve, *[more] * needs_more, *radius, other]
     if planner == GRID:
         return [more, "planner='RRTConnect'"]
-    given = {"exact=True": edges.exact, "objective": task.objective != "length", "iterations": task.search.iterations}
+    given = {"exact=True": edges.exact, "objective": task.objective != LENGTH, "iterations": task.search.iterations}
     unsupported = " and ".join(option for option, is_given in given.items() if is_given)
     by_grid = f"planner='Grid'{f' without {unsupported}' if unsupported else ''}, which finds one"
     return [*[by_grid] * task.is_named, more]
@@ -636,48 +598,39 @@ def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
 def _has_mixed_between(edges: EdgesOnMap, endpoints: Endpoints) -> bool:
     """Return True if MIXED cells lie between start and goal, at a yaw of theirs.
 
-    The box around both is sampled, grown by the turning radius or the robot's size.
+    The box around both is tested, grown by the turning radius or the robot's size.
     """
-    grid = edges.space.grid
-    positions = np.array(endpoints)[:, :2]
+    grid, positions = edges.space.grid, np.array(endpoints)[:, :2]
     reach = edges.turning_radius or edges.space.robot.span
-    lower = np.maximum(positions.min(axis=0) - reach, grid.lower)
-    upper = np.minimum(positions.max(axis=0) + reach, grid.upper)
-    counts = np.ceil((upper - lower) / grid.spacing).astype(np.int64) + 1
-    x, y = (
-        np.linspace(low, high, min(int(n), MAX_SAMPLES_BETWEEN))
-        for low, high, n in zip(lower, upper, counts, strict=True)
+    low, high = (
+        grid.cell_of(np.clip(corner, grid.lower, grid.upper))
+        for corner in (positions.min(axis=0) - reach, positions.max(axis=0) + reach)
     )
-    positions = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    for q in endpoints:
-        samples = np.insert(positions, 2, q[2], axis=1)
-        if np.any(edges.space.classify(samples) == MIXED):
-            return True
-    return False
+    columns, rows = np.ogrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
+    centers = grid.center_of(np.stack(np.broadcast_arrays(columns, rows), axis=-1))
+    return any(np.any(edges.space.classify(np.insert(centers, 2, q[2], axis=-1)) == MIXED) for q in endpoints)
 
 
 def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
     """Name the yaws proven free at start and goal.
 
-    The robot reaches these on the spot through FREE cells. If it reaches all, or is holonomic, nothing is named.
+    The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
     """
-    if edges.drive == HOLONOMIC:
-        return []
     limits, rotations = [], edges.space.rotations
-    borders = np.asarray(rotations.stored_arrays["yaw_bounds"])
     for name, q in zip(("start", "goal"), endpoints, strict=True):
-        free = edges.space.is_free(np.column_stack([np.tile(q[:2], (len(rotations), 1)), rotations.centers]))
+        # From the cell of q on.
         cell = int(rotations.cell_of(q[2]))
-        if free.all() or not free[cell]:
+        yaws = np.roll(rotations.centers[:, 0], -cell)
+        bounds = np.roll(np.asarray(rotations.stored_arrays["yaw_bounds"]), -cell, axis=0)
+        free = edges.space.is_free(np.column_stack([np.tile(q[:2], (len(yaws), 1)), yaws]))
+        if free.all() or not free[0]:
             continue
-        free, widths = np.roll(free, -cell), np.roll(np.diff(borders, axis=1)[:, 0], -cell)
-        above, below = int(np.argmin(free)), int(np.argmin(free[::-1]))  # FREE cells from q's cell on, and before it
-        lowest = q[2] - (q[2] - borders[cell, 0]) % TWO_PI
-        low = lowest - float(widths[len(widths) - below :].sum())
-        high = lowest + float(widths[:above].sum())
-        yaws = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
+        last, first = int(np.argmin(free)) - 1, -int(np.argmin(free[::-1]))
+        low = q[2] - (q[2] - bounds[first, 0]) % TWO_PI
+        high = q[2] + (bounds[last, 1] - q[2]) % TWO_PI
+        text = f"at the {name} only yaws {math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
         too_few = ", too few to turn around" * (edges.drive in ON_THE_SPOT)
-        limits.append(f"at the {name} only yaws {yaws} are proven free{too_few}")
+        limits.append(f"{text} are proven free{too_few}")
     return limits
 
 

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,13 +22,12 @@ from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.words import Drive
 from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
+from planners.states import format_configuration
 from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.export.messages import Message
-    from cspace.files.ros import Path
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
 
@@ -303,12 +302,12 @@ class Plan:
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""
         if not self.solved:
-            start, goal = self._text_of(self.start), self._text_of(self.goal)
+            start, goal = (format_configuration(q.tolist()) for q in (self.start, self.goal))
             between = f"from {start} to {goal} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
-        endpoints = " to ".join(map(self._text_of, self.waypoints[[0, -1]]))
+        endpoints = " to ".join(map(format_configuration, self.waypoints[[0, -1]].tolist()))
         distance = f", {self.distance_text}" if self.distance_text else ""
         rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
         return [
@@ -317,12 +316,6 @@ class Plan:
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
         ]
-
-    def _text_of(self, q: Floats) -> str:
-        """Format a configuration so that it can be typed back."""
-        if self.space is None:
-            return f"({', '.join(map(repr, q.tolist()))})"
-        return self._edges_on(self.space).format_configuration(q)
 
     @property
     def _proof(self) -> str:
@@ -389,11 +382,7 @@ class Plan:
         drawn = space.overview() if isinstance(space, TiledCSpace) else space
         animate(drawn, self.path, file, overwrite, **options)
 
-    @overload
-    def to_path(self, msg: None = None, *, frame_id: str = "map") -> Path: ...
-    @overload
-    def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
-    def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
+    def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
         """Convert a rigid robot's path to a ``nav_msgs/Path`` of ROS.
 
         Parameters

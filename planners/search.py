@@ -8,14 +8,13 @@ If that does not end it, an exception does.
 from __future__ import annotations
 
 import itertools
-import sys
+import math
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, cast
 
 import numpy as np
 from ompl import base as ob
@@ -35,10 +34,10 @@ from planners.catalogue import (
     planner_named,
 )
 from planners.lattice import shorten_path
-from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, LocalPlanner, MoreGoals
+from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, LocalPlanner
 from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, make_setup
-from planners.states import Configuration, below_half_a_turn, kind_of
+from planners.states import below_half_a_turn, kind_of
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -49,14 +48,8 @@ _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "
 NO_SEARCH: Final = "a single edge is free; no search needed"
 """Note of a path that is a single edge."""
 
-MAX_INITIAL_PATHS: Final = 8
-"""Largest number of quickly found paths; an optimising planner must beat the cheapest of these."""
-
-INITIAL_PATHS_TIME_SHARE: Final = 0.1
-"""Fraction of the time limit after which no further initial path is sought."""
-
-MORE_GOALS_SHARE: Final = 0.25
-"""Share of the time, or of the iterations, after which further goals join a search."""
+INITIAL_TIME_SHARE: Final = 0.1
+"""Share of the time limit for the first path, which a planner with an objective must beat."""
 
 PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's extent."""
@@ -158,7 +151,6 @@ class Search:
     simplify: bool = True
     seed: int | None = None
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
-    more_goals: MoreGoals | None = None  # further goals, for which a search asks if it takes long
 
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
         """Search by OMPL for a path from start to goal.
@@ -181,10 +173,10 @@ class Search:
 
 def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
-    if isinstance(edges, EdgesOnMap) and edges.drive != HOLONOMIC:
-        return shorten_path(edges, path, until)
+    if edges.drive != HOLONOMIC:
+        return shorten_path(cast(EdgesOnMap, edges), path, until)
     check = below_half_a_turn(edges.edge_checker(), edges.space.periodic_axes)
-    rotations = edges.space.rotations if isinstance(edges, EdgesOnMap) else Rotations.of(None)
+    rotations = cast(EdgesOnMap, edges).space.rotations if edges.has_cells else Rotations.of(None)
     return pulled_straight(path, rotations, lambda *edge: clock() < until and check(*edge))
 
 
@@ -192,126 +184,92 @@ class _Run:
     """OMPL's objects for one search; a deadline overrides their callbacks."""
 
     def __init__(self, search: Search, edges: LocalPlanner, endpoints: Endpoints) -> None:
-        is_threaded = search.planner in THREADED_PLANNERS
         self._search, self._edges, self._endpoints, self._kind = search, edges, endpoints, kind_of(edges.space)
-        self._setup = setup = make_setup(edges, None if is_threaded else search.objective)
+        self._is_threaded = search.planner in THREADED_PLANNERS
+        has_objective = search.objective is not None and not self._is_threaded
+        self._setup = setup = make_setup(edges, search.objective if has_objective else None)
         self._objective = objective = setup.getOptimizationObjective()
-        self._goals = ob.GoalStates(setup.getSpaceInformation())
-        self._more_goals = search.more_goals
-        self._has_weights = not is_threaded and search.objective is not None
-        self._has_weights &= not (isinstance(objective, WeightedLength) and objective.is_length)
+        is_length = isinstance(objective, WeightedLength) and objective.is_length
+        self._has_weights = has_objective and not is_length
         self.by_length = not self._has_weights or isinstance(objective, ob.PathLengthOptimizationObjective)
+        self._must_beat = has_objective and search.planner not in PLANNERS_WITHOUT_OBJECTIVE
         callbacks = [setup.getStateValidityChecker(), setup.getSpaceInformation().getMotionValidator()]
         self._refusing: list[Callbacks] = callbacks
-        raising = [*callbacks, *([objective] if hasattr(objective, "_override") else [])]
-        self._raising: list[Callbacks] = [] if is_threaded else raising
+        self._raising: list[Callbacks] = []
+        if not self._is_threaded:
+            self._raising = [*callbacks, *([objective] if hasattr(objective, "_override") else [])]
 
     def solve(self, time_limit: float) -> SearchResult:
         """Search for a path and simplify it, within ``time_limit`` seconds."""
         setup, search, note, began = self._setup, self._search, "", clock()
-        ends = self._make_path(np.array(self._endpoints))
-        if len(self._endpoints) == 2 and search.more_goals is None:
-            setup.setStartAndGoalStates(*ends.getStates())
-        else:
-            for state in ends.getStates()[1:]:
-                self._goals.addState(state)
-            setup.setStartState(ends.getState(0))
-            setup.setGoal(self._goals)
-        initial, default = None, planner_named(None, self._edges.drive)
+        self._set_endpoints()
+        best: og.PathGeometric | None = None
         with Deadline(time_limit, self._refusing, self._raising) as deadline:
-            if search.objective is not None and search.planner not in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
-                initial = self._find_initial_path(default, deadline)
-            with suppress(OutOfTime):
-                setup.setPlanner(make_planner(search.planner, setup.getSpaceInformation()))
-                if initial is None or deadline.left > 0.0:
-                    status = self._run_planner(deadline)
-                    note = "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
-        if initial is not None and not (
-            setup.haveExactSolutionPath() and self._is_cheaper(setup.getSolutionPath(), initial)
-        ):
-            setup.getProblemDefinition().clearSolutionPaths()
-            setup.getProblemDefinition().addSolutionPath(initial)
-            note = f"the first one, by {default}, as {search.planner} found none better"
+            first = planner_named(None, self._edges.drive)
+            if self._must_beat:
+                self._run_planner(first, INITIAL_TIME_SHARE * time_limit, None)
+                if setup.haveExactSolutionPath():
+                    best = self._improve(setup.getSolutionPath(), deadline)
+                setup.getProblemDefinition().clearSolutionPaths()
+            if best is None or deadline.left > 0.0:
+                status = self._run_planner(search.planner, deadline.left, search.iterations)
+                note = "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
+        if setup.haveExactSolutionPath():
+            found = setup.getSolutionPath()
+            if best is None or self._is_cheaper(found, best):
+                best = found
+            else:
+                note = f"the first one, by {first}, as {search.planner} found none better"
+        elif best is not None:
+            note = f"the first one, by {first}, as {search.planner} found none better"
         planning = clock() - began
-        if not setup.haveExactSolutionPath():
+        if best is None:
             return SearchResult(np.empty((0, len(self._endpoints[0]))), note, planning)
-        path = self._rows(setup.getSolutionPath())
         if not search.simplify:
-            return SearchResult(path, note, planning)
+            return SearchResult(self._rows(best), note, planning)
         began = clock()
-        path = self._simplify(path, max(time_limit + GRACE_SECONDS - planning, 1e-3))
+        path = self._simplify(best, max(time_limit + GRACE_SECONDS - planning, 1e-3))
         return SearchResult(path, note, planning, clock() - began)
 
-    def _run_planner(self, deadline: Deadline) -> str:
-        """Run OMPL's planner and return its outcome.
+    def _set_endpoints(self) -> None:
+        """Give OMPL the start and the goals."""
+        setup = self._setup
+        start, *goals = self._make_path(np.array(self._endpoints)).getStates()
+        if len(goals) == 1:
+            setup.setStartAndGoalStates(start, goals[0])
+            return
+        alternatives = ob.GoalStates(setup.getSpaceInformation())
+        for goal in goals:
+            alternatives.addState(goal)
+        setup.setStartState(start)
+        setup.setGoal(alternatives)
 
-        The planner runs again if OMPL's own clock ended it too early, because that clock counts compilation.
-        """
-        setup, counted = self._setup, self._search.iterations is not None  # with iterations, our clock decides
-        while True:
-            began, seconds = time.perf_counter(), deadline.left
-            status: str = setup.solve(self._make_termination(seconds)).asString()
-            in_time = time.perf_counter() - began < seconds or deadline.left <= 0.0
-            if in_time or counted or setup.haveExactSolutionPath():
-                return status
+    def _run_planner(self, name: PlannerName, seconds: float, iterations: int | None) -> str:
+        """Run a planner of OMPL and return its outcome, empty after the deadline."""
+        setup, end, checks = self._setup, clock() + seconds, itertools.count(1)
+        most = math.inf if iterations is None else iterations
+        # OMPL's own clock counts compilation, but its threads cannot call ours.
+        condition = ob.timedPlannerTerminationCondition(seconds)
+        if not self._is_threaded:
+            condition = ob.PlannerTerminationCondition(lambda: next(checks) > most or clock() > end)
+        with suppress(OutOfTime):
+            setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
+            return str(setup.solve(condition).asString())
+        return ""
 
-    def _make_termination(self, seconds: float) -> ob.PlannerTerminationCondition:
-        """Create OMPL's termination condition, by seconds or iterations.
-
-        It also adds the further goals, if the search takes long.
-        """
-        iterations = self._search.iterations
-        if iterations is None and self._more_goals is None:
-            return ob.timedPlannerTerminationCondition(seconds)
-        begin, checks = clock(), itertools.count(1)
-
-        def is_over() -> bool:
-            elapsed = clock() - begin
-            used, most = (elapsed, seconds) if iterations is None else (next(checks), iterations)
-            if self._more_goals is not None and used > MORE_GOALS_SHARE * most:
-                self._add_goals(self._more_goals())
-                self._more_goals = None
-            return used > most or elapsed > seconds
-
-        return ob.PlannerTerminationCondition(is_over)
-
-    def _add_goals(self, goals: Sequence[Configuration]) -> None:
-        """Add goals during a search."""
-        for state in self._make_path(np.array(goals)).getStates():
-            self._goals.addState(state)
-        self._endpoints = (*self._endpoints, *goals)
-
-    def _find_initial_path(self, planner: PlannerName, deadline: Deadline) -> og.PathGeometric | None:
-        """Find the cheapest of a few paths, and improve it.
-
-        The paths often pass obstacles on different sides. A planner with an objective must beat the result, because it
-        may find its first path too late. One round of improvement tells which path is cheapest.
-        """
-        setup, best, limit = self._setup, None, deadline.left
-        for _ in range(MAX_INITIAL_PATHS):
-            setup.setPlanner(make_planner(planner, setup.getSpaceInformation()))
-            with suppress(OutOfTime):
-                setup.solve(ob.timedPlannerTerminationCondition(deadline.left))
-                if setup.haveExactSolutionPath():
-                    path = self._improve(setup.getSolutionPath(), deadline, 1)
-                    best = path if best is None or self._is_cheaper(path, best) else best
-            setup.getProblemDefinition().clearSolutionPaths()
-            if deadline.left < (1.0 - INITIAL_PATHS_TIME_SHARE) * limit:
-                break
-        return None if best is None else self._improve(best, deadline)
-
-    def _simplify(self, path: Floats, seconds: float) -> Floats:
+    def _simplify(self, found: og.PathGeometric, seconds: float) -> Floats:
         """Simplify a path; the result is proven and no worse."""
-        edges, fallback = self._edges, self._edges.remove_turns(path)
+        edges, path = self._edges, self._rows(found)
+        fallback = edges.remove_turns(path)
         if self._has_weights:
             with Deadline(seconds, self._refusing, self._raising) as deadline:
-                better = self._rows(self._improve(self._setup.getSolutionPath(), deadline))
+                better = self._rows(self._improve(found, deadline))
             return edges.remove_turns(better) if self._kind.reached_goal(better, self._endpoints) else fallback
         shorter = shorten(edges, path, clock() + seconds)
         lengths = [float(edges.edge_lengths(rows[:-1], rows[1:]).sum()) for rows in (shorter, fallback)]
         return shorter if lengths[0] <= lengths[1] else fallback
 
-    def _improve(self, path: og.PathGeometric, deadline: Deadline, rounds: int = sys.maxsize) -> og.PathGeometric:
+    def _improve(self, path: og.PathGeometric, deadline: Deadline) -> og.PathGeometric:
         """Return a cheaper, proven path, or a copy of `path`.
 
         Corners are cut and waypoints are moved while that makes the path cheaper and time is left.
@@ -320,11 +278,8 @@ class _Run:
         simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
         step, last = PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent(), objective.infiniteCost()
         with suppress(OutOfTime):
-            for _ in range(rounds):
-                cost = better.cost(objective)
-                if deadline.left <= 0.0 or not objective.isCostBetterThan(cost, last):
-                    break
-                last = cost
+            while deadline.left > 0.0 and objective.isCostBetterThan(better.cost(objective), last):
+                last = better.cost(objective)
                 simplifier.partialShortcutPath(better, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
                 simplifier.perturbPath(better, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
             if self._is_cheaper(better, path) and self._edges.are_free(self._rows(better)):

@@ -86,6 +86,11 @@ def kind_of(space: ConfigurationSpace) -> StateKind:
     return rigid_body or _make_joint_kind(space.periodic_axes)
 
 
+def format_configuration(q: Sequence[float]) -> str:
+    """Format a configuration so that it can be typed back."""
+    return f"({', '.join(map(repr, q))})"
+
+
 def check_space(space: object) -> None:
     """Raise InputError unless ``space`` is a ConfigurationSpace."""
     if not isinstance(space, ConfigurationSpace):
@@ -182,12 +187,12 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
     """
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
-        numbers = range(size)
-
-        def read_vector(state: ob.State) -> Configuration:
-            return tuple([state[k] for k in numbers])
-
-        return StateKind(lambda: ob.RealVectorStateSpace(size), _bound, read_vector, _write_vector)
+        return StateKind(
+            lambda: ob.RealVectorStateSpace(size),
+            _bound,
+            lambda state: tuple(map(state.__getitem__, range(size))),
+            _write_vector,
+        )
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     first = bool(limited)  # index of the first circle: the joints with limits, if any, share subspace 0
 

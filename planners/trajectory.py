@@ -7,7 +7,7 @@ import itertools
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,9 +28,6 @@ from planners.local_planner import CURVES, HOLONOMIC, CarCurves
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from cspace.export.messages import Message
-    from cspace.files.ros import JointTrajectory, Path
 
 Limits = ArrayLike | Mapping[str, float] | None
 """A limit: one number, or one for each axis."""
@@ -217,33 +214,29 @@ class Trajectory:
         """
         from cspace.plot.artists import legend_below, new_figure
 
-        phases, spans = self._phases, np.diff(self._phases.times)[:, np.newaxis] * [0.0, 1.0]
-        times = (phases.times[:-1, np.newaxis] + spans).ravel()
-        speeds = phases.speeds[:-1, np.newaxis] + spans * phases.accelerations[:-1, np.newaxis]
-        rates = np.repeat(self._segments.rates[phases.segments[:-1]], 2, axis=0) * speeds.reshape(-1, 1)
-        names, units, curves = self.axes, self.units, list(rates.T)
+        dim = len(self.axes) - len(self._rotations.names)
+        linear, angular = self.velocities[:, :dim], self.velocities[:, dim:]
+        curves = list(zip(self.axes, self.units, linear.T, strict=False))
         if not self._moves_joints:
-            dim = len(self.axes) - len(self._rotations.names)
-            names, units = ("speed", "angular speed")[: 1 + bool(self._rotations.names)], ("m", "rad")
-            curves = [np.linalg.norm(part, axis=1) for part in (rates[:, :dim], rates[:, dim:])]
+            curves = [("speed", "m", np.linalg.norm(linear, axis=1))]
+            # The derivative of a quaternion is half as long as the angular velocity.
+            factor = 2.0 if "qw" in self.axes else 1.0
+            if angular.size:
+                curves.append(("angular speed", "rad", factor * np.linalg.norm(angular, axis=1)))
         left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
         left.set_xlabel("time (s)")
         sides: dict[str, Axes] = {}
         handles: list[Any] = []
-        for name, unit, curve, color in zip(names, units, curves, itertools.cycle(CURVE_COLORS), strict=False):
+        for (name, unit, curve), color in zip(curves, itertools.cycle(CURVE_COLORS), strict=False):
             if unit not in sides:
                 sides[unit] = left.twinx() if sides else left
                 sides[unit].set_ylabel(f"{'velocity' if self._moves_joints else name} ({unit}/s)")
-            handles += sides[unit].plot(times, curve, color=color, linewidth=1.6, label=name)
+            handles += sides[unit].plot(self.times, curve, color=color, linewidth=1.6, label=name)
         if ax is None:
             legend_below(cast("Figure", left.figure), handles)
         return left
 
-    @overload
-    def to_path(self, msg: None = None, *, frame_id: str = "map") -> Path: ...
-    @overload
-    def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
-    def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
+    def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
 
         The stamp of each pose is the message's stamp plus the time of the row. Parameters, result and errors are as for
@@ -257,11 +250,7 @@ class Trajectory:
             raise InputError("trajectory", problem, "a path holds poses", "use to_joint_trajectory()")
         return fill_path(self.axes, self.positions, Path() if msg is None else msg, frame_id, self.times)
 
-    @overload
-    def to_joint_trajectory(self, msg: None = None, *, frame_id: str = "") -> JointTrajectory: ...
-    @overload
-    def to_joint_trajectory(self, msg: Message, *, frame_id: str = "") -> Message: ...
-    def to_joint_trajectory(self, msg: Message | None = None, *, frame_id: str = "") -> Message | JointTrajectory:
+    def to_joint_trajectory(self, msg: Any = None, *, frame_id: str = "") -> Any:
         """Return an arm's trajectory as a ``trajectory_msgs/JointTrajectory`` of ROS.
 
         Each row becomes a point with positions, velocities and ``time_from_start``. Controllers join such points by
@@ -460,17 +449,16 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
     up, down = (peaks - before) / (2.0 * accelerations), (peaks - after) / (2.0 * accelerations)
     first, last, peak = np.sqrt(before), np.sqrt(after), np.sqrt(peaks)
     cruise = np.where(peaks < caps, 0.0, np.maximum(lengths - up - down, 0.0))
-    spans = np.column_stack([(peak - first) / accelerations, cruise / speeds, (peak - last) / accelerations]).ravel()
-    used = spans > MIN_PHASE_SHARE * spans.sum()
-    columns = (
-        np.repeat(np.arange(len(lengths)), 3),
-        np.column_stack([np.zeros(len(lengths)), up, lengths - down]).ravel(),
-        np.column_stack([first, peak, peak]).ravel(),
-        np.column_stack([accelerations, np.zeros(len(lengths)), -accelerations]).ravel(),
-    )
-    rest = (len(lengths) - 1, lengths[-1], 0.0, 0.0)
-    segments, *others = (np.append(column[used], end) for column, end in zip(columns, rest, strict=True))
-    return Phases(np.cumsum([0.0, *spans[used]]), segments, *others)
+    numbers, zeros = np.arange(len(lengths)), np.zeros(len(lengths))
+    # Each phase has a duration, and the fields of Phases from the segment on.
+    faster = (peak - first) / accelerations, numbers, zeros, first, accelerations
+    steady = cruise / speeds, numbers, up, peak, zeros
+    slower = (peak - last) / accelerations, numbers, lengths - down, peak, -accelerations
+    table = np.array([faster, steady, slower]).transpose(2, 0, 1).reshape(-1, 5)
+    table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
+    rest = 0.0, numbers[-1], lengths[-1], 0.0, 0.0
+    durations, segments, *others = np.vstack([table, rest]).T
+    return Phases(np.cumsum([0.0, *durations[:-1]]), segments.astype(np.int64), *others)
 
 
 def _stretch(phases: Phases, duration: float | None) -> Phases:
@@ -492,8 +480,9 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
     if counts.sum() >= MAX_ROWS:
         rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"
         raise InputError("time_step", f"is {time_step:g}", rule, "raise it, or the limits", value=time_step)
-    pairs = zip(*(column.tolist() for column in (phases.times[:-1], phases.times[1:], counts)), strict=True)
-    return np.array([*(t for a, b, n in pairs for t in np.linspace(a, b, int(n), endpoint=False)), phases.times[-1]])
+    spans = zip(phases.times[:-1], phases.times[1:], counts, strict=True)
+    rows = [np.linspace(begin, end, int(count), endpoint=False) for begin, end, count in spans]
+    return np.concatenate([*rows, phases.times[-1:]])
 
 
 def _evaluate(segments: Segments, phases: Phases, rotations: Rotations, t: Floats) -> tuple[Floats, Floats, Floats]:

@@ -46,7 +46,6 @@ RUN_FIRST = (
     "cli/test_commands.py",
     *UNSHARED,
     "exact/",
-    "planners/test_passages.py",  # compiles functions that test_plan.py uses
     "spectral/",
     "raster/",
     "planners/",

@@ -10,9 +10,8 @@ import pytest
 import planners
 from cspace import MIXED, Robot, Workspace, build
 from cspace.compiling import clock
-from planners import lattice
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
-from planners.local_planner import TurnDriveTurn
+from planners.local_planner import CarCurves, TurnDriveTurn
 from planners.search import Deadline, OutOfTime
 from tests.planning import (
     ANYTIME_PLANNERS,
@@ -87,7 +86,7 @@ def test_grid_search_keeps_the_time_limit() -> None:
 @pytest.mark.parametrize(
     ("options", "owner", "name"),
     [
-        ({"drive": "reeds-shepp", "turning_radius": 0.1}, lattice, "curve_costs"),
+        ({"drive": "reeds-shepp", "turning_radius": 0.1}, CarCurves, "edge_lengths"),
         ({"drive": "differential"}, TurnDriveTurn, "edge_lengths"),
     ],
     ids=["car", "turns on the spot"],
@@ -95,22 +94,22 @@ def test_grid_search_keeps_the_time_limit() -> None:
 def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
     options: dict[str, Any], owner: Any, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Only the costs of edges take time, 50 ms for each waypoint.
+    # Only the costs of edges take time, 20 ms for each waypoint.
     space, endpoints, now, compute_costs = build_room("turning"), ENDPOINTS["turning"], [0.0], getattr(owner, name)
 
     def slow(*args: Any) -> Any:
-        now[0] += 0.05
+        now[0] += 0.02
         return compute_costs(*args)
 
     monkeypatch.setattr(owner, name, slow)
     monkeypatch.setattr(type(clock), "__call__", lambda _: now[0])
     rough = planners.plan(space, *endpoints, planner="Lattice", simplify=False, time_limit=0.01, **options)
-    assert rough.certified and now[0] == 0.0
+    assert rough.certified and now[0] <= 0.1  # the edge to the goal
     plan = planners.plan(space, *endpoints, planner="Lattice", time_limit=0.01, **options)
     assert plan.certified and 0.0 < plan.times.planning < 0.01 + 0.25
     # The waypoints that were not reached in time stay.
     unhurried = planners.plan(space, *endpoints, planner="Lattice", time_limit=1000.0, **options)
-    assert unhurried.certified and unhurried.times.planning > 1.0
+    assert unhurried.certified and unhurried.times.planning > 0.5
     assert weighted_length(unhurried) < weighted_length(plan) < weighted_length(rough) + 1e-9
 
 

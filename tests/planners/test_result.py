@@ -269,9 +269,9 @@ def test_repr_describes_a_plan_in_three_lines(plan: planners.Plan) -> None:
 
 def test_repr_of_a_failed_plan_gives_a_hint() -> None:
     space, start, goal = build_halves("plane", BLOCKED)
-    between = "from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}) (x, y)"
+    between = "from ({!r}, {!r}) to ({!r}, {!r}) (x, y)"
     lines = repr(planners.plan(space, start, goal)).splitlines()
-    assert lines == ["Plan(RRTConnect: no path exists: proven", f"     {between.format(*start, *goal)})"]
+    assert lines == ["Plan(Grid: no path exists: proven", f"     {between.format(*start, *goal)})"]
     start, goal = ENDPOINTS["plane"]
     plan = planners.plan(build_room("plane"), start, goal, planner="RRT", time_limit=1e-6)
     lines = [f"RRT: {plan.status}", between.format(*start, *goal), f"try {plan.hint}"]

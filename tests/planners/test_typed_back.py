@@ -4,20 +4,15 @@ import math
 import pickle
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import planners
 from cspace import FREE, MIXED, ConfigurationError, CSpace, Robot, Workspace, build
 from cspace.arms import Arm, build_arm_space
-from planners.local_planner import local_planner
 from tests.commands import run
-from tests.handmade import MAP_KINDS, configurations, make_map, random_states
-from tests.strategies import exteriors, seeds
+from tests.handmade import make_map
 from tests.urdfs import joint, link, write_urdf
 
 CONFIGURATION = re.compile(r"\(([-+.e\d]+(?:, [-+.e\d]+)+)\)")
@@ -26,46 +21,6 @@ CONFIGURATION = re.compile(r"\(([-+.e\d]+(?:, [-+.e\d]+)+)\)")
 def read_configurations(text: str) -> list[tuple[float, ...]]:
     """Return the configurations in a text."""
     return [tuple(map(float, found.split(", "))) for found in CONFIGURATION.findall(text)]
-
-
-def cells_of(space: CSpace, q: Any) -> list[int]:
-    """Return the cell and rotation cell of a configuration."""
-    q = space.rotations.make_canonical(np.array(q))
-    return [*space.grid.cell_of(q[: space.grid.dim]).tolist(), int(space.rotations.find_cells(q))]
-
-
-def draw_near_borders(space: CSpace, rng: np.random.Generator, count: int) -> Any:
-    """Draw configurations in the grid, most of them just beside or on borders of cells."""
-    grid, dim = space.grid, space.grid.dim
-    corners = grid.lower + grid.spacing * rng.integers(0, np.array(grid.shape) + 1, (count, dim))
-    signs = rng.choice([-1.0, 1.0], (count, dim))
-    offsets = grid.spacing * signs * 10.0 ** rng.uniform(-12, 0, (count, dim))
-    offsets[rng.random((count, dim)) < 0.1] = 0.0
-    positions = np.clip(corners + offsets, grid.lower, grid.upper)
-    turns = rng.normal(size=(count, len(space.rotations.names)))
-    if len(space.rotations.names) == 1:
-        borders = rng.choice(np.ravel(space.rotations.borders), (count, 1))
-        turns = np.where(rng.random((count, 1)) < 0.7, borders + 1e-7 * turns, turns)
-    return configurations(space, np.concatenate([positions, turns], axis=1))
-
-
-@settings(max_examples=40)
-@given(seeds, st.sampled_from(MAP_KINDS), st.sampled_from([1e-3, 0.05, 0.3]), exteriors)
-def test_a_printed_configuration_lies_in_the_same_cell(
-    seed: int,
-    kind: str,
-    spacing: float,
-    outside: str,
-) -> None:
-    rng = np.random.default_rng(seed)
-    states = random_states(rng, kind, mixture=(FREE, FREE, MIXED))
-    lower = rng.uniform(-3.0, 3.0, states.ndim - 1)
-    space = make_map(states, kind, outside, spacing, lower=lower)
-    edges = local_planner(space)
-    for q in draw_near_borders(space, rng, 12):
-        (typed,) = read_configurations(edges.format_configuration(q))
-        assert cells_of(space, typed) == cells_of(space, q)
-        assert space.motion_is_free(typed, typed) == space.motion_is_free(q, q)
 
 
 def build_strip(spacing: float) -> CSpace:
@@ -85,13 +40,6 @@ def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing: flo
         assert planners.plan(space, first, last).solved == plan.solved
         without_map = pickle.loads(pickle.dumps(plan))
         assert read_configurations(repr(without_map)) == [tuple(plan.start), tuple(plan.goal)]
-
-
-def test_few_digits_are_printed_where_they_suffice() -> None:
-    workspace = Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1)
-    space = build(workspace, Robot.rectangle(0.3, 0.2), rotations=8)
-    text = local_planner(space).format_configuration((1.0 / 3.0, 2.25, math.pi / 7.0))
-    assert text == "(0.3333, 2.25, 0.4488)"
 
 
 def test_the_nearest_configuration_of_an_error_is_taken_when_typed_back() -> None:
